@@ -77,16 +77,19 @@ def gathered(
             light.append(torch.zeros_like(row).index_put((bands,), row[bands] / total))
             channels.append(channel)
             share.append(total)
-            points, weights = _quadrature(wavelengths.double()[bands].numpy(), amount[part].numpy(), colours)
-            where.append(points)
+            some, weights = _quadrature(wavelengths.double()[bands].numpy(), amount[part].numpy(), colours)
+            where.append(some)
             weight.append(weights)
-    unique = np.unique(np.round(np.concatenate(where), 15))
+    points = np.concatenate(
+        where
+    )  # as they are, so that PSFs that are known at a band's wavelength serve again
+    unique, first = np.unique(np.round(points, 15), return_index=True)
     psfs = torch.zeros(len(light), len(unique), dtype=torch.float64)
-    for group, (points, weights) in enumerate(zip(where, weight, strict=True)):
-        psfs[group, np.searchsorted(unique, np.round(points, 15))] = torch.from_numpy(weights)
+    for group, (some, weights) in enumerate(zip(where, weight, strict=True)):
+        psfs[group, np.searchsorted(unique, np.round(some, 15))] = torch.from_numpy(weights)
     back = torch.zeros(response.shape[0], len(light), dtype=torch.float64)
     back[channels, torch.arange(len(light))] = torch.tensor(share, dtype=torch.float64)
-    return Gathering(torch.from_numpy(unique), psfs, torch.stack(light), back)
+    return Gathering(torch.from_numpy(points[first]), psfs, torch.stack(light), back)
 
 
 def _least_variance(place: np.ndarray, amount: np.ndarray, groups: int) -> list[np.ndarray]:

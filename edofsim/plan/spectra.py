@@ -133,9 +133,7 @@ class Spectra:
         """What so few depth layers change: against one for every depth."""
 
         def changed() -> Tensor:
-            fine, nodes = self.nodes(self.fine_nodes, 2 * self.fine_nodes), self.nodes(layers)
-            gathering = self._gathering(2, fine)
-            exact = self._otfs(self.full, gathering, fine, within=self._reach)
+            (fine, gathering, exact), nodes = self._fine, self.nodes(layers)
             between = hat(fine, nodes, snapped=self.full.occlusion == "normalised")
             if fine is self.depths:  # which lie anywhere
                 coarse = _mixed(between, self._otfs(self.full, gathering, nodes, within=self._reach)[None])[0]
@@ -188,6 +186,13 @@ class Spectra:
         while count < min(enough.numel(), MOST_FINE):
             count = 2 * count - 1
         return count
+
+    @cached_property
+    def _fine(self) -> tuple[Tensor, Gathering, Tensor]:
+        """The fine nodes, two wavelengths a channel, and OTFs of these."""
+        nodes = self.nodes(self.fine_nodes, 2 * self.fine_nodes)
+        gathering = self._gathering(2, nodes)
+        return nodes, gathering, self._otfs(self.full, gathering, nodes, within=self._reach)
 
     @cached_property
     def _reach(self) -> int:
@@ -270,8 +275,9 @@ class Spectra:
         """What dims light, if anything in the tiles hides another."""
         if not len(self.behind):
             return None
-        nodes = self.nodes(FINE_NODES, 2 * FINE_NODES)
-        otfs = self._otfs(self.full, self._gathering(2, nodes), nodes, within=self._reach).mean(1)
+        nodes, _, otfs = self._fine
+        step = 1 if nodes is self.depths else (self.fine_nodes - 1) // (FINE_NODES - 1)
+        nodes, otfs = nodes[::step].contiguous(), otfs[::step].mean(1)
         between = torch.tensor(sorted(self.cuts), dtype=torch.float64)
         return passing(self._cover(nodes), otfs, nodes, between, len(self.tiles.shares))
 
