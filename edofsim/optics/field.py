@@ -126,7 +126,10 @@ def relative_light(camera: Camera) -> float:
     """Light on the sensor from the camera's place in the field over that from the axis."""
     if not camera.lens.varies:
         return 1.0
-    return _light(camera.lens, camera.mask, camera.field) / _light(camera.lens, camera.mask, AXIS)
+    right, up = map(abs, camera.field)
+    alike = camera.lens.round and camera.mask.kind == "clear"  # the same all round, mirrored
+    field = (max(right, up), min(right, up)) if alike else camera.field
+    return _light(camera.lens, camera.mask, field) / _light(camera.lens, camera.mask, AXIS)
 
 
 @lru_cache(maxsize=4096)

@@ -22,12 +22,13 @@ from ..capture.photograph import SUB_APERTURE_STEP_PX
 from ..optics import Camera
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
+from ..optics.field import Frame
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import natural_samples
 from ..optics.psf import INTERPOLATION_ERROR
 from ..optics.sampling import plan_sampling, sampled_alike
 from ..optics.sub_apertures import coarse_oversampling, coarse_window, partition, windows_along
-from ..optics.terms import COARSER
+from ..optics.terms import Grid
 from .shape import Shape, nodes_used
 
 STAGES = ("prepare", "psf", "blur", "sub_apertures", "sensor")
@@ -54,8 +55,18 @@ BLURRED = 20.0
 """Calls of a blur, in those of one depth node."""
 MIRRORED = 6.0
 """Places of a round lens that share the PSFs of one, mirrored."""
-BY_TERMS = 1.5
-"""Blurring by terms, over that by the PSFs of the axis."""
+KERNELS = 40
+"""That make up the PSFs of a field."""
+CORNERS = 8
+"""Between which the factors of a fragment are looked up."""
+TRACED = (160, 30)
+"""Calls that a place in the field takes to be traced, and each wavelength of it."""
+SOUGHT_AT = 15
+"""Places that are looked at where the photo itself chooses how far apart they are, in three wavelengths."""
+FEW = 4
+"""Wavelengths that PSFs of places in the field are computed at, where terms make up those of all."""
+FACTORS = 1.5
+"""Elements of work for each pixel of a PSF whose factors are found."""
 MOVED = 0.02
 """Of what looking through fragments takes is moving those of one image."""
 
@@ -117,16 +128,23 @@ def work_of(
     pixels = 3.0 * shape.height * shape.width
     moved = 0.0 if shape.one_each else shape.fragments + fragments
     gathered = groups if fidelity.band_groups else 0
-    alike = MIRRORED if camera.lens.round and not has_height else 1.0
-    places, wider = _over_field(shape, window, step, alike, fidelity.field_terms)
-    rarer, parts_wider = _over_field(shape, window, step and max(step, SUB_APERTURE_STEP_PX), 1.0, False)
+    mirrored = camera.lens.round and not has_height
+    places, wider = _over_field(shape, window, step)
+    psfs, blur = _times(waves, 1 + places / (MIRRORED if mirrored else 1.0)), _times(blur, wider)
+    if step and fidelity.field_terms:
+        few = min(FEW, colours)
+        own = _psfs(samples, (window * finest + 2) / 2, True, few, layers * few)
+        terms, blur = _terms_of(shape, fidelity, window, layers, groups, step, mirrored, own)
+        psfs = _added(waves, terms)
+    rarer, parts_wider = _over_field(shape, window, step and max(step, SUB_APERTURE_STEP_PX))
     block = min(groups, max(1.0, BLOCK_PIXELS // largest))
     return Work(
         {
             "prepare": {"calls": 1.0, "moves": moved, "elements": pixels},
-            "psf": _times(waves, places),
-            "blur": _times(blur, wider),
-            "sub_apertures": _times(parts, parts_wider) | {"products": parts.get("products", 0.0) * rarer},
+            "psf": psfs,
+            "blur": blur,
+            "sub_apertures": _times(parts, parts_wider)
+            | {"products": parts.get("products", 0.0) * (1 + rarer)},
             "sensor": {"elements": pixels},
         },
         4.0 * layers * (colours + gathered) * window**2
@@ -157,18 +175,43 @@ def _frame(shape: Shape, window: int) -> float:
     return (shape.height + 2.0 * (window // 2)) * (shape.width + 2.0 * (window // 2))
 
 
-def _over_field(shape: Shape, window: int, step: int, alike: float, in_terms: bool) -> tuple[float, float]:
-    """How many places in the field PSFs are computed at, those next to the frame too, `alike` of which share
-    theirs; and how much more is blurred: all terms of `capture.terms`, or the parts of the frame of all
-    places, each with what its blur reaches."""
+def _terms_of(
+    shape: Shape,
+    fidelity: Fidelity,
+    window: int,
+    layers: int,
+    groups: int,
+    step: int,
+    mirrored: bool,
+    own: Amounts,
+) -> tuple[Amounts, Amounts]:
+    """Amounts of finding kernels and factors, and of blurring by them. own: of the PSFs of a place; mirrored:
+    whether those of others are the same."""
+    middle = Frame(shape.height, shape.width, (shape.height / 2, shape.width / 2), 1.0)
+    grid = Grid.around(middle, window // 2, step)
+    places = [(abs(y), abs(x)) for y in grid.down for x in grid.across]
+    alone = len({tuple(sorted(each)) for each in places} if mirrored else places)
+    calls = {"calls": float(TRACED[0] + TRACED[1] * FEW)}
+    sought = 0 if fidelity.field_step_px else SOUGHT_AT * (TRACED[0] + 3 * TRACED[1])
+    found = {"elements": FACTORS * len(places) * layers * groups * window**2, "calls": float(sought)}
+    terms = _added(_times(_added(own, calls), 1 + alone), found)  # a corner is looked at before
+    frame = _frame(shape, window)
+    fragments = shape.fragments * frame / math.prod(shape.padded_shape)
+    images = groups + COVERAGES * (fidelity.occlusion == "hidden")
+    return terms, {
+        "elements": CORNERS * KERNELS * fragments * images,
+        "transforms": 4.0 * KERNELS * frame * math.log2(frame),
+    }
+
+
+def _over_field(shape: Shape, window: int, step: int) -> tuple[float, float]:
+    """How many places in the field PSFs are computed at but for the axis, those next to the frame too; and
+    how much more is blurred: the parts of the frame of all places, each with what its blur reaches."""
     if not step:
-        return 1.0, 1.0
-    if in_terms:
-        sides = (length + 2.0 * (window // 2) for length in (shape.height, shape.width))
-        return 1.0 + math.prod(max(3.0, side / (COARSER * step) + 1) for side in sides) / alike, BY_TERMS
+        return 0.0, 1.0
     along = [(length / step + 1, min(2.0 * step, length)) for length in (shape.height, shape.width)]
     parts = math.prod(count * (part + window) for count, part in along)
-    return 1.0 + math.prod(count + 2 for count, _ in along) / alike, max(1.0, parts / _frame(shape, window))
+    return math.prod(count + 2 for count, _ in along), max(1.0, parts / _frame(shape, window))
 
 
 def _times(amounts: Amounts, factor: float) -> dict[str, float]:

@@ -25,6 +25,7 @@ from edofsim.recipe import CameraRecipe
 from edofsim.recipe.load import load_camera
 from edofsim.render.view import View
 from edofsim.restore import restore
+from edofsim.restore.checkpoint import load_checkpoint
 from edofsim.restore.scores import psnr
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "example_package"))
@@ -277,7 +278,7 @@ def test_a_long_lens_with_a_small_sensor_pays_for_one_place():
 
 
 def test_each_place_is_restored_by_its_own_psfs():
-    """Better than by those of the axis, and without seams: no step of the image at borders of places."""
+    """Better than by those of the axis."""
     seen_by = camera(coma=30.0, shadow=0.0)
     view = view_of(random_light(48 + 24, 64 + 24), seen_by, 12, (-150.0, -240.0))
     photo = capture(view, seen_by, Fidelity(field_step_px=16))
@@ -290,6 +291,52 @@ def test_each_place_is_restored_by_its_own_psfs():
     scores = [psnr(each.clamp(0, 1), photo.ideal) for each in (sharp, by_axis)]
     print(scores)
     assert scores[0] > scores[1] + 3
+
+
+def hard_tiles(count: int, axis: float, step: int) -> list[tuple[float, slice, Tensor]]:
+    """In place of hats: each pixel from the nearest place alone."""
+    found = []
+    for middle, part, share in optics_field_hats(count, axis, step):
+        near = (torch.arange(part.start, part.stop) + 0.5 - middle).abs() < step / 2
+        found.append((middle, part, near.to(share)))
+    return found
+
+
+optics_field_hats = optics_field._hats
+
+
+def seam(image: Tensor, step: int, axis: float) -> float:
+    """How much an image [channel, y, x] bends where the nearest place changes, over how much elsewhere."""
+    bends = image.double().diff(2, dim=-1).square().mean((0, 1)).sqrt()
+    away = (torch.arange(1, image.shape[-1] - 1) + 0.5 - axis) / step - 0.5
+    border = (away - away.round()).abs() * step <= 1
+    inner = slice(8, -8)  # of what lies beyond the frame nothing is known
+    return float(bends[inner][border[inner]].max() / bends[inner][~border[inner]].max())
+
+
+@pytest.mark.parametrize("network", [None, "universal"])
+def test_restored_photos_have_no_seams(network: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a smooth scene, by Wiener deconvolution and the network for any camera; hard tiles have them."""
+    seen_by, axis = camera(coma=30.0, shadow=3.0).with_read_noise(0.01), (-150.0, -240.0)
+    y, x = torch.meshgrid(torch.arange(24.0 + 24), torch.arange(112.0 + 24), indexing="ij")
+    smooth = 0.5 + 0.2 * torch.sin(x / 17) + 0.2 * torch.cos(y / 13 + x / 29)
+    view = view_of(smooth.expand(3, -1, -1).clone(), seen_by, 12, axis)
+    photo = capture(view, seen_by, Fidelity(field_step_px=16))
+    frame = Frame(view.height, view.width, view.axis_px, view.pixel_angle)
+    ends = torch.tensor([DEPTH], dtype=torch.float64)
+    checkpoint = None if network is None else load_checkpoint(network)
+
+    def found() -> float:
+        sharp, how = restore(photo.clean, seen_by, view.wavelengths, ends, frame=frame, checkpoint=checkpoint)
+        assert how.step_px and view.width > how.step_px
+        return seam(sharp, how.step_px, axis[1])
+
+    with_hats = found()
+    monkeypatch.setattr(optics_field, "_hats", hard_tiles)
+    hard = found()
+    print(with_hats, hard)
+    assert with_hats < 1  # no more than elsewhere
+    assert hard > 1.2
 
 
 def test_places_next_to_each_other_are_the_same_ones():
