@@ -141,12 +141,14 @@ def refuse_strong(camera: Camera) -> None:
 def _in_stop(camera: Camera, grid: PupilGrid, regions: Regions, light: Tensor) -> tuple[Regions, Tensor]:
     """Parts of the aperture and their heights, and the light, where rays of the camera's place in the field
     meet the mask."""
+    bare, covered = disc_amplitude(grid, grid.radius), disc_coverage(grid, grid.radius)
+    if all(part is bare and not isinstance(height, Tensor) for part, height in regions):
+        return regions, light
     right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
     places = camera.lens.in_stop(right, up, camera.field)
     if places is None:
         return regions, light
     u, v = places
-    bare, covered = disc_amplitude(grid, grid.radius), disc_coverage(grid, grid.radius)
     within = grid.radius_squared() < (grid.radius - grid.pitch) ** 2
 
     def moved(part: Tensor, whole: Tensor) -> Tensor:
