@@ -22,6 +22,7 @@ from .photograph_statistics import COLOUR_CORRELATION, power_spectrum, transfer_
 
 NOISE = 0.006  # read noise, below the middle of the training's range
 SUPPORT = 9
+FINE_NOISE = 0.002  # with less, covariances are not positive definite in single precision
 
 
 def _length(at_least: int) -> int:
@@ -113,6 +114,7 @@ def local_filters(psf: Tensor, support: int, groups: int, noise: float = NOISE) 
 
     psf: [depth, 3, y, x], neighbouring depths next to each other, as many in each group.
     """
+    psf, given = (psf.double() if noise < FINE_NOISE else psf), psf
     channels = psf.shape[1]
     size = _length(max(2 * psf.shape[-1], psf.shape[-1] + support))
     transfer, spectrum = transfer_functions(psf, size), power_spectrum(size, psf)
@@ -120,7 +122,7 @@ def local_filters(psf: Tensor, support: int, groups: int, noise: float = NOISE) 
     for part in transfer.unflatten(0, (groups, -1)):  # one at a time: a covariance has support^4 numbers
         covariance, with_sharp = _mean_covariance(part, spectrum, size, support, noise)
         filters.append(_solve(covariance[None], with_sharp[None])[0])
-    return torch.stack(filters).unflatten(-1, (channels, support, support))
+    return torch.stack(filters).unflatten(-1, (channels, support, support)).to(given)
 
 
 def _solve(covariance: Tensor, with_sharp: Tensor) -> Tensor:

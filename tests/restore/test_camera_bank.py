@@ -18,7 +18,7 @@ from edofsim.recipe import load_camera
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.load import Loaded
 from edofsim.restore import choice
-from edofsim.restore.camera_bank import BLIND, PSFS_A_DEPTH, SHARES, CameraBank
+from edofsim.restore.camera_bank import BLIND, LEAST_NOISE, PSFS_A_DEPTH, SHARES, CameraBank
 from edofsim.restore.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from edofsim.restore.choice import choose_network, said_of, usual_network
 from edofsim.restore.conditioning import conditioned_on, refusal
@@ -186,6 +186,17 @@ def test_filters_are_those_of_the_noise_and_of_the_whole_range() -> None:
     for filters, share in zip(blind, BLIND, strict=True):
         torch.testing.assert_close(filters, local_filters(psf, 9, 1, 0.01 * share)[0])
     assert not torch.equal(known.filters, network.condition(psf, 0.02).filters)
+
+
+@pytest.mark.parametrize("noise", [0.0, 5e-4, 1.9e-3])
+def test_filters_of_a_sensor_with_hardly_any_noise_are_those_of_double_precision(noise: float) -> None:
+    camera = Camera.from_recipe(load_camera("paper-cubic").recipe)
+    depths = torch.full((2,), 1.0, dtype=torch.float64)  # one distance: least of all tells pixels apart
+    psf = channel_psfs(camera, PAPER_COLOURS.double(), depths).float()
+    filters = local_filters(psf, 27, 1, max(noise, LEAST_NOISE))
+    assert filters.dtype == torch.float32
+    expected = local_filters(psf.double(), 27, 1, max(noise, LEAST_NOISE))
+    assert torch.allclose(filters.double(), expected, atol=1e-6 * float(expected.abs().max()))
 
 
 def test_expected_errors_are_in_order() -> None:
