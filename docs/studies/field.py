@@ -1,0 +1,71 @@
+"""What a photo loses where a lens has the PSFs and the light of its axis all over the frame.
+
+`python -m docs.studies.field [SCENE...] [--camera NAME] [--json FILE]` photographs shipped scenes through
+lenses that vary over the field, as they are and with `field_step_px = 0`, and prints the PSNR of the second
+photo against the first, as a whole and in the darkest of four corners. Both have one group of bands and depth
+layers for 45 dB, so that what they differ in is the field.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from torch import Tensor
+
+from edofsim.capture import Fidelity, capture
+from edofsim.capture.framing import framed, seen_through
+from edofsim.optics import Camera
+from edofsim.recipe import load_camera, load_scene
+from edofsim.record import record, write_record
+from edofsim.render import render
+from edofsim.restore.scores import image_psnr
+
+SCENES = ("desk", "foliage")
+CAMERAS = ("doublet-25mm-f6", "double-gauss-50mm-f4", "aspheres-5mm-f3")
+FIDELITY = Fidelity(layers_db=45.0, band_groups=1, group_wavelengths=1, occlusion="hidden", read_noise=False)
+
+
+def figures(scene: str, name: str, cache: Path | None) -> Mapping[str, float]:
+    """The figures of a scene and a camera."""
+    loaded, given = load_scene(scene), load_camera(name)
+    camera = Camera.from_recipe(given.recipe, given.base)
+    recipe = framed(loaded.recipe, camera)
+    _, view = seen_through(camera, recipe, render(recipe, loaded.base, cache=cache))
+    whole = capture(view, camera, FIDELITY)
+    axis = capture(view, camera, FIDELITY.changed({"field_step_px": 0}), exposure=whole.exposure)
+    one, other = axis.clean, whole.clean
+    corners = [image_psnr(_corner(one, at), _corner(other, at)) for at in range(4)]
+    return {f"psnr_db.{scene}.{name}": image_psnr(one, other), f"psnr_db.corner.{scene}.{name}": min(corners)}
+
+
+def _corner(image: Tensor, at: int) -> Tensor:
+    """An eighth of each side, in a corner: [3, y, x]."""
+    rows, columns = (size // 8 for size in image.shape[-2:])
+    image = image.flip(-1) if at % 2 else image
+    return (image.flip(-2) if at // 2 else image)[:, :rows, :columns]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenes", nargs="*", default=SCENES)
+    parser.add_argument("--camera", action="append")
+    parser.add_argument("--cache", type=Path)
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    found: dict[str, float] = {}
+    for scene in asked.scenes:
+        for name in asked.camera or CAMERAS:
+            now = figures(scene, name, asked.cache)
+            found |= now
+            print(*(f"{key}: {value:.1f}" for key, value in now.items()), sep="\n", flush=True)
+    if asked.json:
+        typed = shlex.join(["python", "-m", "docs.studies.field", *sys.argv[1:]])
+        write_record(asked.json, record("field", figures=found, typed=typed))
+
+
+if __name__ == "__main__":
+    main()
