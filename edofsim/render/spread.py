@@ -239,6 +239,9 @@ def _start_worker(threads: int, messages: Messages) -> None:
     _messages = messages
     end_with_parent()
     set_threads(threads)
+    import torch  # not before: who starts workers may need none of it
+
+    torch.set_num_threads(threads)
 
 
 def _work(number: int, work: Callable[[T, Progress], R], part: T) -> R:
