@@ -2,7 +2,7 @@
 
 `python -m docs.studies.field [SCENE...] [--camera NAME] [--json FILE]` photographs shipped scenes through
 lenses that vary over the field, as they are and with `field_step_px = 0`, and prints the PSNR of the second
-photo against the first, as a whole and in the darkest of four corners. Both have one group of bands and depth
+photo against the first, as a whole and in the worst of four corners. Both have one group of bands and depth
 layers for 45 dB, so that what they differ in is the field.
 """
 
