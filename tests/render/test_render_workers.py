@@ -10,6 +10,7 @@ import threading
 from concurrent.futures import CancelledError, Future
 
 import pytest
+import torch
 
 from edofsim.errors import EdofsimError
 from edofsim.recipe import SceneRecipe
@@ -82,6 +83,18 @@ def test_more_views_than_a_worker_renders(mi, tmp_path, monkeypatch):
     outcomes = ended(lambda: render_many(tasks, cache=tmp_path, jobs=1))
     assert [outcome.name for outcome in outcomes] == [task.recipe.name for task in tasks]
     assert not any(outcome.error for outcome in outcomes)
+
+
+def threads_of_a_worker(part, tell):
+    """Threads that PyTorch and the engine have where a part is done."""
+    return torch.get_num_threads(), spread.thread_count()
+
+
+def test_workers_share_the_cores(monkeypatch):
+    """Two workers on six cores have three threads each, for PyTorch and for the engine."""
+    monkeypatch.setattr(spread, "thread_count", lambda: 6)
+    work = spread.Workers([0, 1], threads_of_a_worker, lambda number, error: error, lambda *said: None)
+    assert work.run(2, None) == [(3, 3), (3, 3)]
 
 
 def test_a_worker_that_dies_once_costs_nothing(tmp_path, monkeypatch):

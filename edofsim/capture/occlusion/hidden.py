@@ -175,9 +175,10 @@ def merged(slabs: Iterable[tuple[Tensor, Tensor]], count: int) -> Tensor:
     for number, (light, blocked) in enumerate(far_to_near, 2):
         opaque = blocked.clamp(0, 1)
         # What rounding leaves where there is nothing must not be divided, slab after slab, by little
-        gain = torch.where(coverage > LITTLE, coverage, 1.0).reciprocal()
-        passed = (1 - opaque) * (gain if number == count else gain.clamp_max(1 / ENOUGH))
-        image, coverage = torch.addcmul(light, passed, image), torch.addcmul(opaque, passed, coverage)
+        there = torch.where(coverage > LITTLE, coverage, 1.0)
+        filled = torch.ones_like(there) if number == count else (there / ENOUGH).clamp_max(1.0)
+        image = light + (1 - opaque) * image * filled / there
+        coverage = opaque + (1 - opaque) * coverage * filled / there
     return image
 
 
