@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy.io import savemat
 
 from edofsim import View, photograph
 from edofsim.capture.fidelity import Fidelity
@@ -266,6 +267,29 @@ def test_files_say_themselves_what_they_hold(tmp_path):
         camera_of(tmp_path / "cut.npz")
     with pytest.raises(InputError, match="does not exist"):
         camera_of(tmp_path / "none.npz")
+
+
+def test_files_of_isetcam(tmp_path):
+    """psf [y, x, wavelength], nanometres and micrometres a sample, as `ieSaveSIDataFile` writes them."""
+    path, at = tmp_path / "iset.mat", {"inverse_depths_per_m": [1.0]}
+    psfs = np.stack([F, 2 * F[::-1]], -1)
+    told = {"psf": psfs, "wave": np.array([[500.0], [600.0]]), "umPerSamp": np.array([[6.0, 6.0]])}
+    savemat(path, told | {"notes": {"timeStamp": "today"}})
+    camera = camera_of(path, window=9, orientation="upright", **at)
+    for nm, wanted in ((500e-9, F), (600e-9, F[::-1])):
+        psf = psf_bank(camera, [nm], [1.0]).values[0, 0]
+        np.testing.assert_allclose(psf[1:8, 2:7], wanted / F.sum(), atol=1e-6)
+    with pytest.raises(InputError, match="orientation"):
+        camera_of(path, **at)
+    savemat(path, told | {"umPerSamp": np.array([[6.0, 5.0]])})
+    with pytest.raises(InputError, match="square samples"):
+        camera_of(path, orientation="upright", **at)
+    savemat(path, told | {"psf": "none"})
+    with pytest.raises(InputError, match="cannot be read as PSFs"):
+        camera_of(path, orientation="upright", **at)
+    savemat(path, told | {"wave": np.array([500.0])})
+    with pytest.raises(InputError, match="for 1 places in the field, 1 depths and 1 wavelengths"):
+        camera_of(path, orientation="upright", **at)
 
 
 def test_a_folder_of_pictures_and_planes_by_name(tmp_path):

@@ -16,8 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...core.files import whole
-from ...core.images import openexr, read_exr, write_exr
+from ...core.images import openexr, read_exr
 from ...core.limits import existing
 from ...core.measurements import load_mat, read_numbers
 from ...errors import InputError, first_line
@@ -55,6 +54,8 @@ class Stated:
     light: Sequence[float] = ()
 
 
+ISET = {"psf", "wave", "umPerSamp"}
+"""Variables of a file for shift-invariant optics of ISETCam."""
 HOW = {
     "inverse_depths": "inverse_depths_per_m = [0, 1, 2], 1/m each",
     "wavelengths_nm": "wavelengths_nm = [482, 543, 611]",
@@ -134,13 +135,13 @@ def _read(path: Path, stated: Stated) -> tuple[np.ndarray, Stated]:
     suffix = path.suffix.lower()
     if suffix == ".exr":
         return _of_planes(read_exr(path, "PSFs"), _header(path), path)
-    if suffix == ".mat":
-        found = load_mat(path, "PSFs")
-        return _of_arrays({key: np.asarray(each) for key, each in found.items() if key[:1] != "_"}, path)
-    if suffix != ".npz":
+    if suffix not in (".npz", ".mat"):
         return read_numbers(path.name, None, path.parent, "PSFs").astype(float), Stated()
     existing(path, "PSFs")
     try:
+        if suffix == ".mat":
+            found = load_mat(path, "PSFs")
+            return _of_arrays({key: np.asarray(each) for key, each in found.items() if key[:1] != "_"}, path)
         with np.load(path, allow_pickle=False) as file:
             return _of_arrays(dict(file), path)
     except InputError:
@@ -150,11 +151,27 @@ def _read(path: Path, stated: Stated) -> tuple[np.ndarray, Stated]:
 
 
 def _of_arrays(found: Mapping[str, np.ndarray], path: Path) -> tuple[np.ndarray, Stated]:
+    if found.keys() >= ISET:
+        found = _of_iset(found, path)
     if "values" not in found:
         raise InputError(
             f"{path} has no array `values` [field, depth, wavelength, y, x]; it has {', '.join(found)}"
         )
     return np.asarray(found["values"], float), _stated({key: found[key].tolist() for key in found}, path)
+
+
+def _of_iset(found: Mapping[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
+    """What `ieSaveSIDataFile` of ISETCam wrote: psf [y, x, wavelength], nanometres, micrometres (y, x). As
+    its `siSynthetic` reads it: each sums to 1, about the pixel n // 2."""
+    psfs, pitch = np.asarray(found["psf"], float), np.asarray(found["umPerSamp"], float)
+    if psfs.ndim not in (2, 3) or pitch.size not in (1, 2) or not np.allclose(pitch, pitch.max()):
+        raise InputError(
+            f"{path}: psf {list(psfs.shape)} of samples of {pitch.tolist()} um; what can be read is"
+            " [y, x, wavelength] with square samples"
+        )
+    said = {"centre": np.array("pixel"), "normalisation": np.array("sum")}
+    values = np.moveaxis(np.atleast_3d(psfs), -1, 0)
+    return {"values": values, "wavelengths_nm": found["wave"], "pixel_um": pitch.max(), **said}
 
 
 def _stated(found: Mapping[str, object], path: Path) -> Stated:
@@ -214,7 +231,7 @@ def _of_planes(
     inverse, nanometres = sorted({depth for _, depth, _ in found}), sorted({nm for _, _, nm in found})
     gaps = [(p, d, nm) for p in places for d in inverse for nm in nanometres if (p, d, nm) not in found]
     if gaps:
-        named = ", ".join(_called(*gap) for gap in gaps[:6])
+        named = ", ".join(called(*gap) for gap in gaps[:6])
         raise InputError(
             f"{path} has gaps, {len(gaps)} in all: {named}; measure them, or leave out the others"
         )
@@ -311,7 +328,7 @@ def _check_values(
     problems: dict[str, list[str]] = {}
     sums = values.sum((-1, -2))
     for at in np.ndindex(values.shape[:3]):
-        name, total = _called(places[at[0]], inverse[at[1]], nanometres[at[2]]), sums[at]
+        name, total = called(places[at[0]], inverse[at[1]], nanometres[at[2]]), sums[at]
         bad = int((~np.isfinite(values[at])).sum())
         if bad:
             problems.setdefault("hold NaN or infinity: fill them, or leave out these PSFs", []).append(
@@ -334,7 +351,7 @@ def _check_values(
         )
 
 
-def _called(place: Place, inverse: float, nm: float) -> str:
+def called(place: Place, inverse: float, nm: float) -> str:
     """Name of a PSF, as channels and pictures have it."""
     right, up = place
     field = f"{right:.9g},{up:.9g}deg." if right else f"{up:.9g}deg." if up else ""
@@ -357,44 +374,3 @@ def _centres(values: np.ndarray, centre: str, turned: bool) -> Tensor:
     y = (values.sum(-1) * np.arange(rows)).sum(-1) / total
     x = (values.sum(-2) * np.arange(columns)).sum(-1) / total
     return torch.from_numpy(np.stack([y, x], -1))
-
-
-def write_bank(
-    path: Path,
-    values: np.ndarray,
-    *,
-    fields_deg: Sequence[Place],
-    inverse_depths: Sequence[float],
-    wavelengths_nm: Sequence[float],
-    pixel_um: float,
-    light: Sequence[float],
-) -> Path:
-    """Write PSFs with all that `read_bank` asks for. Returns the path; raises InputError for another ending.
-
-    path: ends in .exr or .npz.
-    values: [field, depth, band, y, x], upright, fractions of light about the pixel n // 2.
-    fields_deg, inverse_depths, wavelengths_nm, pixel_um, light: as of `Stated`.
-    """
-    about = {
-        "fields_deg": list(fields_deg),
-        "inverse_depths_per_m": list(inverse_depths),
-        "wavelengths_nm": list(wavelengths_nm),
-        "pixel_um": pixel_um,
-        "orientation": "upright",
-        "centre": "pixel",
-        "normalisation": "light",
-        "light": list(light),
-    }
-    if path.suffix.lower() == ".npz":
-        with whole(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, values=values.astype(np.float32), **about)
-        return path
-    if path.suffix.lower() != ".exr":
-        raise InputError(f"{path}: PSFs are written as .exr or .npz; name such a file")
-    planes = {
-        _called(place, depth, nm): values[p, d, b]
-        for p, place in enumerate(fields_deg)
-        for d, depth in enumerate(inverse_depths)
-        for b, nm in enumerate(wavelengths_nm)
-    }
-    return write_exr(path, planes, {ABOUT: json.dumps(about)})

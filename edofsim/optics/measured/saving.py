@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from itertools import product
@@ -10,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ...core.files import write_text
+from ...core.files import whole, write_text
+from ...core.images import write_exr
 from ...errors import InputError
 from ...recipe.camera import CameraRecipe
 from ...recipe.written import toml_of
@@ -18,7 +20,7 @@ from ..camera import Camera
 from ..field import relative_light
 from ..masks.clear import ClearMask
 from ..psf import psf_bank
-from .files import write_bank
+from .files import ABOUT, Place, called
 
 
 def save_bank(
@@ -84,3 +86,44 @@ def _camera_of(camera: Camera, path: Path) -> CameraRecipe:
     psf = {key: value for key, value in kept.get("psf", {}).items() if key != "pupil_sampling_um"}
     new = {"name": f"{given.name[:55]}-measured", "lens": lens, "focus": focus, "psf": psf}
     return CameraRecipe.model_validate({**new, "sensor": kept.get("sensor", {})})
+
+
+def write_bank(
+    path: Path,
+    values: np.ndarray,
+    *,
+    fields_deg: Sequence[Place],
+    inverse_depths: Sequence[float],
+    wavelengths_nm: Sequence[float],
+    pixel_um: float,
+    light: Sequence[float],
+) -> Path:
+    """Write PSFs with all that `read_bank` asks for. Returns the path; raises InputError for another ending.
+
+    path: ends in .exr or .npz.
+    values: [field, depth, band, y, x], upright, fractions of light about the pixel n // 2.
+    fields_deg, inverse_depths, wavelengths_nm, pixel_um, light: as of `Stated`.
+    """
+    about = {
+        "fields_deg": list(fields_deg),
+        "inverse_depths_per_m": list(inverse_depths),
+        "wavelengths_nm": list(wavelengths_nm),
+        "pixel_um": pixel_um,
+        "orientation": "upright",
+        "centre": "pixel",
+        "normalisation": "light",
+        "light": list(light),
+    }
+    if path.suffix.lower() == ".npz":
+        with whole(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, values=values.astype(np.float32), **about)
+        return path
+    if path.suffix.lower() != ".exr":
+        raise InputError(f"{path}: PSFs are written as .exr or .npz; name such a file")
+    planes = {
+        called(place, depth, nm): values[p, d, b]
+        for p, place in enumerate(fields_deg)
+        for d, depth in enumerate(inverse_depths)
+        for b, nm in enumerate(wavelengths_nm)
+    }
+    return write_exr(path, planes, {ABOUT: json.dumps(about)})
