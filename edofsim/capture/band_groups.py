@@ -77,19 +77,16 @@ def gathered(
             light.append(torch.zeros_like(row).index_put((bands,), row[bands] / total))
             channels.append(channel)
             share.append(total)
-            some, weights = _quadrature(wavelengths.double()[bands].numpy(), amount[part].numpy(), colours)
-            where.append(some)
+            points, weights = _quadrature(wavelengths.double()[bands].numpy(), amount[part].numpy(), colours)
+            where.append(points)
             weight.append(weights)
-    points = np.concatenate(
-        where
-    )  # as they are, so that PSFs that are known at a band's wavelength serve again
-    unique, first = np.unique(np.round(points, 15), return_index=True)
+    unique = np.unique(np.round(np.concatenate(where), 15))
     psfs = torch.zeros(len(light), len(unique), dtype=torch.float64)
-    for group, (some, weights) in enumerate(zip(where, weight, strict=True)):
-        psfs[group, np.searchsorted(unique, np.round(some, 15))] = torch.from_numpy(weights)
+    for group, (points, weights) in enumerate(zip(where, weight, strict=True)):
+        psfs[group, np.searchsorted(unique, np.round(points, 15))] = torch.from_numpy(weights)
     back = torch.zeros(response.shape[0], len(light), dtype=torch.float64)
     back[channels, torch.arange(len(light))] = torch.tensor(share, dtype=torch.float64)
-    return Gathering(torch.from_numpy(points[first]), psfs, torch.stack(light), back)
+    return Gathering(torch.from_numpy(unique), psfs, torch.stack(light), back)
 
 
 def _least_variance(place: np.ndarray, amount: np.ndarray, groups: int) -> list[np.ndarray]:
