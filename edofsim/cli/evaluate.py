@@ -16,7 +16,8 @@ from typer.core import TyperCommand, TyperGroup
 from ..core.progress import Progress, part
 from ..errors import EdofsimError, InputError
 from ..experiments import EXPERIMENTS
-from ..experiments.experiment import Findings, InPaper, InParts, Paper
+from ..experiments.experiment import Experiment as Found
+from ..experiments.experiment import Paper
 from ..options import CacheOption, OutOption, Output, QuietOption, SeedOption, Spreading, grouped
 from ..record import writable_folder
 from .many import seen_by, share_of, spread_of, work_on
@@ -59,22 +60,20 @@ def command_of(name: str) -> Callable[..., Done]:
     """An experiment's `run` as a command: its own options, and those that all experiments have, or all whose
     work is in parts."""
 
-    run = _run_of(name)
-    parts = isinstance(run, InParts)
-    function = run.run if isinstance(run, InParts) else run
+    found = Found.of(EXPERIMENTS[name])
 
     def command(to: Output, spread: Spreading | None = None, **options: object) -> Done:
         how = None if spread is None else spread_of(spread)
         with begun(name, to.json, quiet=to.quiet) as progress:
             return perform(name, options, to.out, to.json, progress, how)
 
-    own = list(inspect.signature(function, eval_str=True).parameters.values())[2:]
-    groups = {"spread": Spreading, "to": Output} if parts else {"to": Output}
+    own = list(inspect.signature(found.run, eval_str=True).parameters.values())[2:]
+    groups = {"spread": Spreading, "to": Output} if found.option else {"to": Output}
     kind = inspect.Parameter.KEYWORD_ONLY
     shared = [inspect.Parameter(each, kind, annotation=group) for each, group in groups.items()]
     every = [each.replace(kind=kind) for each in (*own, *shared)]
     command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
-    command.__doc__ = function.__doc__
+    command.__doc__ = found.run.__doc__
     return grouped(command)
 
 
@@ -94,7 +93,7 @@ def perform(
     if how is not None and not (how.alone and how.shard is None):
         options, lost = _spread(name, options, folder, how, part(progress, 0.0, 0.95))
         progress = part(progress, 0.95, 1.0)
-    found = _run_of(name)(folder, progress, **options)
+    found = EXPERIMENTS[name](folder, progress, **options)
     outputs = dict(found.outputs)
     if found.page is not None:
         from ..report import write_page
@@ -122,8 +121,8 @@ def _spread(
 ) -> tuple[Mapping[str, object], list[str]]:
     """Have the parts of an experiment done by workers, or choose those of a share: its options for the parts
     that are kept in the folder then, and what was said of the others."""
-    experiment = _run_of(name)
-    assert isinstance(experiment, InParts)
+    experiment = Found.of(EXPERIMENTS[name])
+    assert experiment.option is not None
     given = options.get(experiment.option)
     typed = [str(each) for each in given] if isinstance(given, list) and given else experiment.every(options)
     names = share_of(typed, how)
@@ -147,9 +146,8 @@ def _part_of(
     part: str, progress: Progress, *, experiment: str, options: Mapping[str, object], folder: Path
 ) -> bool:
     """One part of an experiment, done by a worker: what it found is kept in the folder."""
-    run = _run_of(experiment)
-    assert isinstance(run, InParts)
-    run(folder, progress, **{**options, run.option: [part]})
+    run = Found.of(EXPERIMENTS[experiment])
+    run(folder, progress, **{**options, str(run.option): [part]})
     return True
 
 
@@ -169,11 +167,6 @@ def _absolute(value: object) -> object:
     by = f"{Path(place).absolute()}:{name}" if Path(place).is_file() else by
     by = str(Path(by).absolute()) if Path(by).is_file() else by
     return (str(_absolute(camera)) if camera else "") + plus + by
-
-
-def _run_of(name: str) -> Callable[..., Findings]:
-    experiment = EXPERIMENTS[name]
-    return experiment.run if isinstance(experiment, InPaper) else experiment
 
 
 @evaluate_app.command()
@@ -228,19 +221,20 @@ def paper(
 def _all_of(setting: Paper, only: Sequence[str], folder: Path, progress: Progress) -> Done:
     from ..report.experiments_index import write_index
 
-    every = {name: found for name in EXPERIMENTS if isinstance(found := EXPERIMENTS[name], InPaper)}
+    options = {name: Found.of(EXPERIMENTS[name]).in_paper for name in EXPERIMENTS}
+    every = {name: own(setting) for name, own in options.items() if own is not None}
     wrong = [name for name in only if name not in every]
     if wrong:
         raise InputError(f"no experiment {wrong[0]!r}; there are {', '.join(every)}")
-    chosen = {name: found for name, found in every.items() if not only or name in only}
+    chosen = {name: own for name, own in every.items() if not only or name in only}
     outputs: dict[str, Path] = {}
     problems: list[str] = []
     failed: list[str] = []
-    for number, (name, experiment) in enumerate(chosen.items()):
+    for number, (name, own) in enumerate(chosen.items()):
         say = part(progress, number / len(chosen), (number + 1) / len(chosen), name)
         say(0.0, "begins")
         try:
-            done = perform(name, experiment.options(setting), folder / name, None, say)
+            done = perform(name, own, folder / name, None, say)
         except EdofsimError as error:
             LOG.warning("%s: %s (the others go on)", name, error)
             failed.append(name)

@@ -20,19 +20,9 @@ if TYPE_CHECKING:
     from ..recipe.base import RecipeModel
 
 
-class Things(StrEnum):
-    scenes = "scenes"
-    cameras = "cameras"
-    masks = "masks"
-    lenses = "lenses"
-    objects = "objects"
-    sources = "sources"
-    networks = "networks"
-    checkpoints = "checkpoints"
-    trainings = "trainings"
-    effects = "effects"
-
-
+Things = StrEnum(
+    "Things", "scenes cameras masks lenses objects sources networks checkpoints trainings effects"
+)
 T = TypeVar("T")
 
 USUAL = (Things.scenes, Things.cameras, Things.masks, Things.networks, Things.checkpoints)
@@ -72,16 +62,6 @@ def _lines(things: Things) -> dict[str, str]:
             return _purposes(shipped(folder), lambda path: load_camera(path).recipe)
         case Things.trainings:
             return _purposes(shipped(shipped_folder("train")), lambda path: load_train(path).recipe)
-        case Things.masks:
-            return _kinds(kinds.MASKS)
-        case Things.lenses:
-            return _kinds(kinds.LENSES)
-        case Things.objects:
-            return _kinds(kinds.OBJECTS)
-        case Things.sources:
-            return _kinds(kinds.SOURCES)
-        case Things.networks:
-            return _kinds(kinds.NETWORKS)
         case Things.checkpoints:
             return _checkpoints()
         case Things.effects:
@@ -89,6 +69,8 @@ def _lines(things: Things) -> dict[str, str]:
 
             lines = _kinds(EFFECTS)
             return {name: line.partition(": ")[2] or line for name, line in lines.items()}
+        case _:
+            return _kinds(getattr(kinds, things.upper()))
 
 
 def _purposes(paths: Mapping[str, Path], load: Callable[[Path], RecipeModel]) -> dict[str, str]:

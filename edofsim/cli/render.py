@@ -75,13 +75,11 @@ def render(
             load_report()
         loaded = [_framed(item) for item in loaded]
         tasks = _tasks(loaded, members)
-        place_of = (work.cache, work.device.value, progress, work.quiet)
-        if accuracy or time:
+        if accuracy or time or place:
             from ..plan import parse_target
 
-            tasks = [_as_planned(task, parse_target(accuracy, time), *place_of) for task in tasks]
-        if place:
-            tasks = [_stopping(task, place, *place_of) for task in tasks]
+            target = parse_target(accuracy, time) if accuracy or time else None
+            tasks = [_for_own_camera(task, target, place, work, progress) for task in tasks]
         if len(tasks) > 1:
             check_scenes([Task(item.recipe, item.base) for item in loaded], progress)
         expected = forecast(tasks, cache=work.cache, jobs=spread.jobs, noise=level)
@@ -154,42 +152,31 @@ def _framed(scene: Loaded[SceneRecipe]) -> Loaded[SceneRecipe]:
     return replace(scene, recipe=framed_by_own(scene.recipe, scene.base))
 
 
-def _as_planned(
-    task: Task, target: Target, cache: Path | None, device: str, progress: Progress, quiet: bool
-) -> Task:
-    """A task without what the photo through the scene's own camera does not call for."""
+def _for_own_camera(task: Task, target: Target | None, place: str, work: Work, progress: Progress) -> Task:
+    """A task without what the photo through the scene's own camera does not call for at a target; and that
+    stops where noise is low enough in the photo or in the ideal image of that camera. By a preview, whatever
+    the cache holds."""
     from ..optics import Camera
     from ..plan import look, plan_scene, simpler_recipe
-    from ..recipe import load_camera
-    from ..render.jobs import Task
-
-    camera = load_camera(task.recipe.camera, task.base)
-    optics = Camera.from_recipe(camera.recipe, camera.base)
-    seen = look(task.recipe, task.base, optics, preview=True, cache=cache, device=device, progress=progress)
-    plan = plan_scene(seen, optics, target=target, progress=progress)
-    if not quiet:
-        console.err.print(f"{task.recipe.name}: planned for {plan.target}", markup=False)
-    return Task(simpler_recipe(task.recipe, plan.fidelity), task.base)
-
-
-def _stopping(
-    task: Task, place: str, cache: Path | None, device: str, progress: Progress, quiet: bool
-) -> Task:
-    """A task that stops where noise is low enough in the photo or in the ideal image of its own camera, by a
-    preview: whatever the cache holds."""
-    from ..optics import Camera
-    from ..plan import look
     from ..plan.rendered_noise import view_noise_for
     from ..recipe import load_camera
 
     camera = load_camera(task.recipe.camera, task.base)
     optics = Camera.from_recipe(camera.recipe, camera.base)
-    seen = look(task.recipe, task.base, optics, preview=True, cache=cache, device=device, progress=progress)
-    level = view_noise_for(seen.facts, place)
-    if not quiet and level is not None:
-        said = f"{task.recipe.name}: noise {level:.3g} of the view is low enough for {place}"
-        console.err.print(said, markup=False)
-    return replace(task, noise=level)
+    how = {"cache": work.cache, "device": work.device.value, "progress": progress}
+    said = []
+    if target is not None:
+        seen = look(task.recipe, task.base, optics, preview=True, **how)
+        plan = plan_scene(seen, optics, target=target, progress=progress)
+        task = replace(task, recipe=simpler_recipe(task.recipe, plan.fidelity))
+        said.append(f"planned for {plan.target}")
+    if place:
+        level = view_noise_for(look(task.recipe, task.base, optics, preview=True, **how).facts, place)
+        task = replace(task, noise=level)
+        said += [] if level is None else [f"noise {level:.3g} of the view is low enough for {place}"]
+    for text in () if work.quiet else said:
+        console.err.print(f"{task.recipe.name}: {text}", markup=False)
+    return task
 
 
 def _view_pictures(

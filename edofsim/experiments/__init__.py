@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from ..core.registry import Registry
 
 if TYPE_CHECKING:
-    from .experiment import Findings, InPaper
+    from .experiment import Findings
 
-EXPERIMENTS: "Registry[Callable[..., Findings] | InPaper[...]]" = Registry(
+EXPERIMENTS: "Registry[Callable[..., Findings]]" = Registry(
     "edofsim.experiments",
     "experiment",
     {

@@ -15,6 +15,7 @@ import statistics
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import torch
@@ -31,6 +32,7 @@ from ..plan import RESTORED, Fidelity, Plan, Planner, Target, as_accurate
 from ..plan.work import STAGES
 from ..record import machine, write_csv
 from ..render.view import View
+from ..restore.scores import psnr
 from .cost_scores import Judge, Shift, shifts
 from .kept import Kept, key_of
 
@@ -160,27 +162,26 @@ def measure(
     pace: what tells how fast the machine is just then, asked before and after each case.
     judge: what restores and scores the photos, None for no scores.
     """
-    kept = Kept(folder / "measurements.jsonl")
-    about = _about(view, camera, device, clock, judge)
+    bench = _Bench(view, camera, Kept(folder / "measurements.jsonl"), device, clock, pace, judge)
+    kept = bench.kept
     (case,) = [case for case in cases if case.kind == "full"]
-    how = (folder, kept, about, device, clock, pace, judge)
-    full = _reference(view, camera, case, *how)
+    full = bench.reference(case, folder)
     whole, part = full, case
     if any(case.one_part for case in cases):
         undivided = {"sub_apertures": 1}
         one_part = case.fidelity.changed(undivided)
         rival = case.alone and case.alone.changed(undivided)
         part = replace(case, name="full, one part", fidelity=one_part, alone=rival)
-        whole = _reference(view, camera, part, *how)
-    of_full, of_part = ((kept.get(_key(about, each, 0)) or {}).get("scores", {}) for each in (case, part))
+        whole = bench.reference(part, folder)
+    of_full, of_part = ((kept.get(bench.key(each, 0)) or {}).get("scores", {}) for each in (case, part))
     turns = [(turn, case) for turn in range(repeats) for case in cases if turn == 0 or case.kind != "full"]
-    keys = {(turn, case): _key(about, case, turn) for turn, case in turns}
+    keys = {(turn, case): bench.key(case, turn) for turn, case in turns}
     todo = [each for each in turns if kept.get(keys[each]) is None]
     for number, (turn, case) in enumerate(todo):
         if progress:
             progress(number / len(todo), f"{case.kind} {case.name}")
-        photo, entry = _timed(view, camera, case, device, clock, pace, judge if turn == 0 else None)
-        entry["db"] = _psnr(photo.clean, whole if case.one_part else full)
+        photo, entry = bench.timed(case, judge if turn == 0 else None)
+        entry["db"] = psnr(photo.clean, whole if case.one_part else full)
         kept.put(keys[turn, case], entry)
     rows = []
     for each in cases:
@@ -191,29 +192,63 @@ def measure(
     return rows
 
 
-def _timed(
-    view: View,
-    camera: Camera,
-    case: Case,
-    device: str,
-    clock: Callable[[], float],
-    pace: Callable[[], float] | None,
-    judge: Judge | None,
-) -> tuple[Photo, Json]:
-    psf_memory.forget()
-    before = pace() if pace else 0.0
-    started = clock()
-    photo = capture(view, camera, case.fidelity, device=device, clock=clock)
-    entry: Json = {
-        "case": f"{case.kind} {case.name}",
-        "seconds": clock() - started,
-        "stages": dict(photo.seconds),
-    }
-    if pace:
-        entry["pace"] = (before + pace()) / 2
-    if judge:
-        entry["scores"] = dict(judge.scores(view, camera, case.fidelity, photo, device, case.alone))
-    return photo, entry
+@dataclass(frozen=True)
+class _Bench:
+    """What all cases share; see `measure`."""
+
+    view: View
+    camera: Camera
+    kept: Kept
+    device: str
+    clock: Callable[[], float]
+    pace: Callable[[], float] | None
+    judge: Judge | None
+
+    def timed(self, case: Case, judge: Judge | None) -> tuple[Photo, Json]:
+        psf_memory.forget()
+        before = self.pace() if self.pace else 0.0
+        started = self.clock()
+        photo = capture(self.view, self.camera, case.fidelity, device=self.device, clock=self.clock)
+        seconds = self.clock() - started
+        entry: Json = {"case": f"{case.kind} {case.name}", "seconds": seconds, "stages": dict(photo.seconds)}
+        if self.pace:
+            entry["pace"] = (before + self.pace()) / 2
+        if judge:
+            taken = (case.fidelity, photo, self.device, case.alone)
+            entry["scores"] = dict(judge.scores(self.view, self.camera, *taken))
+        return photo, entry
+
+    def reference(self, case: Case, folder: Path) -> Tensor:
+        """The full simulation's photo, kept in the folder with its measurement: it takes longest of all."""
+        key = self.key(case, 0)
+        path = folder / f"{case.name.replace(', ', '-').replace(' ', '-')}-{key[:16]}.safetensors"
+        before = found(path, lambda path: load_file(path)["photo"])
+        if before is not None:
+            return before
+        photo, entry = self.timed(case, self.judge)
+        keep(path, lambda path: save_file({"photo": photo.clean.contiguous()}, path))
+        self.kept.put(key, {**entry, "db": math.inf})
+        return photo.clean
+
+    @cached_property
+    def about(self) -> dict[str, object]:
+        """What decides all measurements of a photo, for keys."""
+        digest = hashlib.sha256(self.camera.key().encode())
+        for tensor in (self.view.radiance.sum(0), self.view.inverse_depth):
+            digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+        judge = self.judge
+        return {
+            "machine": machine(),
+            "device": self.device,
+            "clock": self.clock.__name__,
+            "threads": torch.get_num_threads(),
+            "photo": digest.hexdigest(),
+            "judge": None if judge is None else [*judge.restorers, judge.seeds, judge.alone is not None],
+        }
+
+    def key(self, case: Case, turn: int) -> str:
+        named = [case.kind, case.name, repr(case.fidelity), repr(case.alone)]
+        return key_of(**self.about, case=named, turn=turn)
 
 
 def _row(case: Case, entries: list[Json]) -> Measured:
@@ -223,56 +258,6 @@ def _row(case: Case, entries: list[Json]) -> Measured:
     seconds = statistics.median(entry["seconds"] for entry in entries)
     pace = statistics.median(entry.get("pace", 0.0) for entry in entries)
     return Measured(case, float(entries[0]["db"]), seconds, stages, len(entries), pace)
-
-
-def _reference(
-    view: View,
-    camera: Camera,
-    case: Case,
-    folder: Path,
-    kept: Kept,
-    about: Mapping[str, object],
-    device: str,
-    clock: Callable[[], float],
-    pace: Callable[[], float] | None,
-    judge: Judge | None,
-) -> Tensor:
-    """The full simulation's photo, kept in the folder with its measurement: it takes longest of all."""
-    key = _key(about, case, 0)
-    path = folder / f"{case.name.replace(', ', '-').replace(' ', '-')}-{key[:16]}.safetensors"
-    before = found(path, lambda path: load_file(path)["photo"])
-    if before is not None:
-        return before
-    photo, entry = _timed(view, camera, case, device, clock, pace, judge)
-    keep(path, lambda path: save_file({"photo": photo.clean.contiguous()}, path))
-    kept.put(key, {**entry, "db": math.inf})
-    return photo.clean
-
-
-def _about(
-    view: View, camera: Camera, device: str, clock: Callable[[], float], judge: Judge | None
-) -> dict[str, object]:
-    """What decides all measurements of a photo, for keys."""
-    digest = hashlib.sha256(camera.key().encode())
-    for tensor in (view.radiance.sum(0), view.inverse_depth):
-        digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
-    return {
-        "machine": machine(),
-        "device": device,
-        "clock": clock.__name__,
-        "threads": torch.get_num_threads(),
-        "photo": digest.hexdigest(),
-        "judge": None if judge is None else [*judge.restorers, judge.seeds, judge.alone is not None],
-    }
-
-
-def _key(about: Mapping[str, object], case: Case, turn: int) -> str:
-    return key_of(**about, case=[case.kind, case.name, repr(case.fidelity), repr(case.alone)], turn=turn)
-
-
-def _psnr(image: Tensor, truth: Tensor) -> float:
-    error = float((image - truth).double().square().mean())
-    return -10 * math.log10(error) if error > 0 else math.inf
 
 
 def pareto(rows: list[Measured]) -> list[Measured]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, ParamSpec
 
@@ -65,51 +65,44 @@ class Paper:
 
 
 @dataclass(frozen=True)
-class InPaper(Generic[P]):
-    """An experiment that `edofsim evaluate paper` runs too.
+class Experiment(Generic[P]):
+    """What is known of an experiment in addition to what it runs.
 
-    options: its own there.
+    in_paper: its own options in `edofsim evaluate paper`, None where it is no part of that.
+    option: of `run`, names of parts of its work, which can be done in any order and place, each of which
+        keeps what it found in the folder; None where it has no such parts.
+    every: all names, where the option is not given.
     """
 
     run: Callable[P, Findings]
-    options: Callable[[Paper], Mapping[str, object]]
+    in_paper: Callable[[Paper], Mapping[str, object]] | None = None
+    option: str | None = None
+    every: Callable[[Mapping[str, object]], Sequence[str]] = lambda options: ()
 
     def __call__(self, *given: P.args, **options: P.kwargs) -> Findings:
         return self.run(*given, **options)
 
-
-@dataclass(frozen=True)
-class InParts(Generic[P]):
-    """An experiment whose work is in parts that can be done in any order and place, each of which keeps what
-    it found in the folder.
-
-    option: of `run`, the list of their names.
-    every: all names, where it is not given.
-    """
-
-    run: Callable[P, Findings]
-    option: str
-    every: Callable[[Mapping[str, object]], Sequence[str]]
-
-    def __call__(self, *given: P.args, **options: P.kwargs) -> Findings:
-        return self.run(*given, **options)
+    @classmethod
+    def of(cls, run: Callable[P, Findings]) -> Experiment[P]:
+        """What a registry or a decorator is given, which may be one already."""
+        return run if isinstance(run, Experiment) else cls(run)
 
 
 def in_parts(
     option: str, every: Callable[[Mapping[str, object]], Sequence[str]]
-) -> Callable[[Callable[P, Findings]], InParts[P]]:
-    """Gives an experiment the options --jobs, --cluster and --shard; see `InParts`.
+) -> Callable[[Callable[P, Findings]], Experiment[P]]:
+    """Gives an experiment the options --jobs, --cluster and --shard.
 
-    option, every: as of `InParts`.
+    option, every: as of `Experiment`.
     """
-    return lambda run: InParts(run, option, every)
+    return lambda run: replace(Experiment.of(run), option=option, every=every)
 
 
 def in_paper(
     options: Callable[[Paper], Mapping[str, object]],
-) -> Callable[[Callable[P, Findings]], InPaper[P]]:
+) -> Callable[[Callable[P, Findings]], Experiment[P]]:
     """Makes an experiment part of `edofsim evaluate paper`, with these options of its own.
 
     options: its own there, by what `evaluate paper` was given.
     """
-    return lambda run: InPaper(run, options)
+    return lambda run: replace(Experiment.of(run), in_paper=options)

@@ -17,7 +17,7 @@ from ..report import Column, Key, Keys, Page, Plot, Section, Table, Text, line_p
 from ..report.page import Block
 from ..report.plot import WIDE_IN
 from ..report.words import decibels, number
-from .experiment import Findings, InPaper
+from .experiment import Experiment, Findings
 from .photographs import Photographs, chosen, photographs
 from .planes import ABOUT, Condition, PictureScore, averages, left_out, measure, pairs, sharp, write_rows
 from .systems import EvaluatedSystem, evaluated_systems
@@ -70,7 +70,7 @@ def green_focus(system: EvaluatedSystem) -> float:
     return float(focus_distance(system.camera, GREEN))
 
 
-def command_of(study: Study, said: str) -> InPaper[...]:
+def command_of(study: Study, said: str) -> Experiment[...]:
     """The experiment of a study, also in `edofsim evaluate paper`, with the photographs, systems and seed of
     that. It raises InputError for what cannot be used.
 
@@ -107,7 +107,7 @@ def command_of(study: Study, said: str) -> InPaper[...]:
         return Findings(figures, shows, outputs=outputs, problems=found.problems, inputs=inputs)
 
     run.__doc__ = said
-    return InPaper(
+    return Experiment(
         run,
         lambda paper: {
             "data": paper.photos,

@@ -14,7 +14,7 @@ from edofsim.core.images import write_png
 from edofsim.core.progress import silent
 from edofsim.errors import EdofsimError, InputError
 from edofsim.experiments import EXPERIMENTS
-from edofsim.experiments.experiment import Findings, InPaper, Paper
+from edofsim.experiments.experiment import Experiment, Findings, Paper
 from edofsim.report import Gallery, Key, Keys, Page, Section, picture, write_page
 from edofsim.report.experiments_index import write_index
 
@@ -54,7 +54,7 @@ def test_one_that_fails_does_not_stop_the_others(tmp_path: Path, monkeypatch: py
     def works(folder: Path, progress: object) -> Findings:
         return Findings({"loss_db": 3.0}, Page("About second", "What it is for."))
 
-    both = {"first": InPaper(fails, lambda paper: {}), "second": InPaper(works, lambda paper: {})}
+    both = {name: Experiment(run, lambda paper: {}) for name, run in (("first", fails), ("second", works))}
     monkeypatch.setattr(evaluate, "EXPERIMENTS", {**both, "third": works})  # which is not the paper's
     with pytest.raises(EdofsimError, match="first: failed"):
         evaluate.paper(out=tmp_path, quiet=True)
@@ -78,5 +78,5 @@ def test_each_experiment_of_the_paper_takes_the_options_that_it_is_given_there()
     """A small run and a full one; what a misspelt option would be found by."""
     for paper in (Paper(), Paper(Path("photos"), Path("chart"), Path("cubes"), True, 3, Path("cache"))):
         for experiment in EXPERIMENTS.values():
-            if isinstance(experiment, InPaper):
-                inspect.signature(experiment.run).bind(Path(), silent, **experiment.options(paper))
+            if (options := Experiment.of(experiment).in_paper) is not None:
+                inspect.signature(experiment.run).bind(Path(), silent, **options(paper))
