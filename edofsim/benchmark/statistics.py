@@ -27,13 +27,11 @@ class Interval:
     scenes: int
 
 
-def resamples(
-    scenes: int, seeds: int, seed: int = 0, count: int = RESAMPLED
-) -> tuple[np.ndarray, np.ndarray]:
+def resamples(scenes: int, seeds: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Which scenes, [resample, scene], and which noise seeds of each, [resample, scene, seed], are taken."""
     rng = np.random.default_rng([seed, scenes, seeds])
-    chosen = rng.integers(scenes, size=(count, scenes))
-    return chosen, rng.integers(seeds, size=(count, scenes, seeds))
+    chosen = rng.integers(scenes, size=(RESAMPLED, scenes))
+    return chosen, rng.integers(seeds, size=(RESAMPLED, scenes, seeds))
 
 
 def interval(values: np.ndarray, seed: int = 0) -> Interval:

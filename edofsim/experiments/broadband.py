@@ -259,11 +259,10 @@ def judge(
         for depth in DEPTHS_M
     ]
     place = out / "pictures"
-    named = [(cube.sha256[:16], f"{key}-sensor", f"{key}-output") for key in keys]
-    shown = [Shown(*(place / f"{name}.png" for name in names)) for names in named]
+    shown = [Shown.of(place, cube.sha256, key) for key in keys]
     ready = [
-        kept.get(key) is not None and all((place / f"{name}.png").is_file() for name in names)
-        for key, names in zip(keys, named, strict=True)
+        kept.get(key) is not None and all(path.is_file() for path in vars(files).values())
+        for key, files in zip(keys, shown, strict=True)
     ]
     if not all(ready):
         progress(0.0, f"{system.name}: {cube.name}, point spread functions")

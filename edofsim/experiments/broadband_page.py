@@ -9,7 +9,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from ..report.page import Block, Column, Gallery, Key, Keys, Notes, Page, Section, Table, Text
-from ..report.pictures import picture_file
+from ..report.pictures import Picture, picture_file
 from ..report.plot import (
     DEPTH_MAP,
     INK,
@@ -20,7 +20,7 @@ from ..report.plot import (
     metre_ticks,
     new_figure,
 )
-from ..report.words import decibels, distance, number, percent
+from ..report.words import distance, number, percent
 from .chromatic import Chromatic
 from .paper_figures import BROADBAND, DEPTHS_M
 from .planes import CHANNELS
@@ -209,15 +209,10 @@ def _pictures(result: Result, cube: str) -> tuple[Block, ...]:
         Gallery((truth,), "The response-weighted cube; the middle of it, as all below.", 4, pixels=True),
     ]
     for system in dict.fromkeys(row.system for row in rows):
-        pictures = []
+        pictures: list[Picture] = []
         for row in (r for r in rows if r.system == system):
             at = distance(row.depth_m)
-            for path, what, db in (
-                (row.shown.photo, "sensor", row.photo_db[0]),
-                (row.shown.restored, "output", row.restored_db[0]),
-            ):
-                alt = f"{cube}, {what} of {system} at {at}: {decibels(db)}."
-                pictures.append(picture_file(path, f"{at}, {what}", alt, note=decibels(db)))
+            pictures += row.shown.pair(cube, at, f"{system} at {at}", row.photo_db[0], row.restored_db[0])
         caption = "White-balanced to daylight (D65) and in sRGB; the PSNR is of the whole picture."
         blocks.append(Gallery(tuple(pictures), caption, columns=4, pixels=True, title=system))
     return tuple(blocks)

@@ -35,7 +35,6 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from .. import completion
-from ..capture.bands import chosen_bands
 from ..capture.prepare import channel_weights
 from ..core.progress import Progress, part
 from ..core.store import keep
@@ -211,7 +210,7 @@ def of_scene(
     scene = loaded.recipe.name
     recipe = three_bands(loaded, SAMPLES)
     view = render(recipe, loaded.base, cache=cache, device=device, progress=part(say, 0.0, 0.2))
-    view = chosen_bands(view, [GREEN])
+    view = of_band(view, GREEN)
     edge = busiest_edge(view, cameras.gaps(view.pixel_angle))
     model = build_scene(recipe, loaded.base)
     settings = {
@@ -230,7 +229,7 @@ def of_scene(
         shown[mask, focus] = {"reference": judged.truth, **judged.photos}
     smooth, tell = three_bands(loaded, LENS_SAMPLES), part(say, 0.7, 0.75)
     fine = render(smooth, loaded.base, cache=cache, device=device, progress=tell)
-    green, depth = chosen_bands(fine, [GREEN]), recipe.render.max_depth
+    green, depth = of_band(fine, GREEN), recipe.render.max_depth
     lenses = {
         (THIN_LENS, focus): cameras.at(THIN_LENS, distance, view.pixel_angle)
         for focus, distance in focus_distances(edge).items()
@@ -280,6 +279,11 @@ def by_rays(
         return torch.einsum("cb,byx->cyx", weights, image[band : band + 1])
 
     return half(0), half(1)
+
+
+def of_band(view: View, band: int) -> View:
+    """The view with one of its bands alone."""
+    return view.with_light(view.radiance[[band]], view.wavelengths[[band]])
 
 
 def noise_db(one: Tensor, other: Tensor) -> float:

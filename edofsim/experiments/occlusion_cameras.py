@@ -41,14 +41,11 @@ class Edge:
     far: float
 
 
-def smooth_height_map(
-    samples: int = 238, width: float = 10.0, top: float = 1.135e-6, seed: int = 0
-) -> Tensor:
-    """White noise under a Gaussian of `width` samples, from 0 to `top` metres: [n, n], float32.
-
-    238 samples of 21 um and 1.135 um are those of the paper's mask (Fig. `MTF`).
-    """
-    noise = torch.randn(samples, samples, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+def smooth_height_map() -> Tensor:
+    """White noise under a Gaussian of 10 samples, [n, n] in metres, float32, with the samples of 21 um and
+    the height of the paper's mask (Fig. `MTF`)."""
+    samples, width, top = 238, 10.0, 1.135e-6
+    noise = torch.randn(samples, samples, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     f = torch.fft.fftfreq(samples, dtype=torch.float64)
     window = torch.exp(-2 * (math.pi * width) ** 2 * (f[:, None] ** 2 + f**2))
     height = torch.fft.ifft2(torch.fft.fft2(noise) * window).real

@@ -75,6 +75,30 @@ class Shown:
     photo: Path
     restored: Path
 
+    @classmethod
+    def of(cls, folder: Path, picture: str, key: str) -> Shown:
+        """picture: its checksum; key: of the finding."""
+        names = (f"{picture[:16]}-sharp", f"{key}-sensor", f"{key}-output")
+        return cls(*(folder / f"{name}.png" for name in names))
+
+    def write(self, *images: Tensor) -> None:
+        """Three, as they are named, [3, y, x]."""
+        for path, image in zip(vars(self).values(), images, strict=True):
+            write_png(path, middle(image))
+
+    def pair(self, of: str, at: str, where: str, photo_db: float, restored_db: float) -> list[Picture]:
+        """Photo and restored image for a gallery. of: the picture; at: the condition; where: the system and
+        the condition, as they are read out."""
+        return [
+            picture_file(
+                path, f"{at}, {what}", f"{of}, {what} of {where}: {decibels(db)}.", note=decibels(db)
+            )
+            for path, what, db in (
+                (self.photo, "sensor", photo_db),
+                (self.restored, "output", restored_db),
+            )
+        ]
+
 
 @dataclass(frozen=True)
 class PictureScore:
@@ -126,7 +150,7 @@ def measure(
 
     Raises InputError where `at_known_depth` is to restore what a lens took whose PSFs vary over the frame.
     """
-    kept = Kept(out / "finished.jsonl")
+    work = _Work(system, Kept(out / "finished.jsonl"), out / "pictures", show, known_depth)
     depths = random_depths(pictures, seed, nearest_per_m)
     jobs = []
     for condition in conditions:
@@ -144,8 +168,8 @@ def measure(
                 scores="within scale",
             )
             jobs.append(Job(picture, condition, inverse, key))
-    rows: dict[str, PictureScore] = {}
-    missing = [job for job in jobs if not _known(job, kept, system, out, show, rows)]
+    rows = {job.key: row for job in jobs if (row := work.known(job)) is not None}
+    missing = [job for job in jobs if job.key not in rows]
     for fabrication in dict.fromkeys(described(job.condition.fabrication) for job in missing):
         part = [job for job in missing if described(job.condition.fabrication) == fabrication]
         # all depths, finished ones too: the sampling of the pupil follows from the whole set
@@ -159,7 +183,7 @@ def measure(
             if progress:
                 progress(len(rows) / len(jobs), f"{system.name}: {job.condition.label}, {job.picture.name}")
             psf = None if bank is None else bank.values[wanted.index(job.inverse_depth)]
-            rows[job.key] = _finish(job, system, camera, psf, kept, out, show, known_depth)
+            rows[job.key] = work.finish(job, camera, psf)
     return [rows[job.key] for job in jobs]
 
 
@@ -268,85 +292,57 @@ def middle(image: Tensor, size: int = SHOWN_PX) -> Tensor:
     return image[..., top : top + size, left : left + size]
 
 
-def _shown(job: Job, out: Path) -> Shown:
-    folder = out / "pictures"
-    return Shown(
-        folder / f"{job.picture.sha256[:16]}-sharp.png",
-        folder / f"{job.key}-sensor.png",
-        folder / f"{job.key}-output.png",
-    )
+@dataclass(frozen=True)
+class _Work:
+    """What finishes the jobs of a system; see `measure`."""
 
+    system: EvaluatedSystem
+    kept: Kept
+    folder: Path
+    show: Sequence[str]
+    known_depth: bool
 
-def _known(
-    job: Job,
-    kept: Kept,
-    system: EvaluatedSystem,
-    out: Path,
-    show: Sequence[str],
-    rows: dict[str, PictureScore],
-) -> bool:
-    """Put the row of a job that was finished before into `rows`."""
-    found = kept.get(job.key)
-    files = _shown(job, out) if job.picture.name in show else None
-    if found is None or (files and not all(p.is_file() for p in (files.sharp, files.photo, files.restored))):
-        return False
-    rows[job.key] = _row(job, system, found, files)
-    return True
+    def known(self, job: Job) -> PictureScore | None:
+        """The row of a job that was finished before."""
+        found, shown = self.kept.get(job.key), self._shown(job)
+        there = shown is None or all(path.is_file() for path in vars(shown).values())
+        return None if found is None or not there else self._row(job, found, shown)
 
+    def finish(self, job: Job, camera: Camera, psf: Tensor | None) -> PictureScore:
+        """psf: None where it varies over the frame."""
+        whole = job.picture.values
+        if psf is None:
+            clean, glare = over_field(whole, job.inverse_depth, camera)
+        else:
+            clean, glare = through(whole, psf), truncated_share(psf)
+        # the same noise for all systems and strengths, so that they alone make the difference
+        taken = noisy(clean, job.condition.read_noise, f"{job.picture.sha256} {job.inverse_depth}")
+        sharp, photo = (framed(image, camera.recipe.psf.window_px // 2) for image in (whole, taken))
+        with torch.inference_mode():
+            restored, whole_restored = (
+                self.system.restored(image, glare, job.inverse_depth) for image in (photo, taken)
+            )
+        if shown := self._shown(job):
+            shown.write(sharp, photo, restored)
+        compared = ((photo, sharp), (restored, sharp), (taken, whole), (whole_restored, whole))
+        found: Json = {name: image_psnr(*pair) for name, pair in zip(SCORES, compared, strict=True)}
+        if self.known_depth and psf is not None:
+            linear = at_known_depth(photo, psf, job.condition.read_noise)
+            found["channels_db"] = channels(restored, sharp)
+            found["known_depth_db"] = [image_psnr(linear, sharp), *channels(linear, sharp)]
+        self.kept.put(job.key, found)
+        return self._row(job, found, shown)
 
-def _finish(
-    job: Job,
-    system: EvaluatedSystem,
-    camera: Camera,
-    psf: Tensor | None,
-    kept: Kept,
-    out: Path,
-    show: Sequence[str],
-    known_depth: bool,
-) -> PictureScore:
-    """psf: None where it varies over the frame."""
-    whole = job.picture.values
-    if psf is None:
-        clean, glare = over_field(whole, job.inverse_depth, camera)
-    else:
-        clean, glare = through(whole, psf), truncated_share(psf)
-    # the same noise for all systems and strengths, so that they alone make the difference
-    taken = noisy(clean, job.condition.read_noise, f"{job.picture.sha256} {job.inverse_depth}")
-    sharp, photo = (framed(image, camera.recipe.psf.window_px // 2) for image in (whole, taken))
-    with torch.inference_mode():
-        restored, whole_restored = (
-            system.restored(image, glare, job.inverse_depth) for image in (photo, taken)
-        )
-    files = _shown(job, out) if job.picture.name in show else None
-    if files:
-        for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
-            write_png(path, middle(image))
-    scores = (
-        image_psnr(photo, sharp),
-        image_psnr(restored, sharp),
-        image_psnr(taken, whole),
-        image_psnr(whole_restored, whole),
-    )
-    found: Json = dict(zip(SCORES, scores, strict=True))
-    if known_depth and psf is not None:
-        linear = at_known_depth(photo, psf, job.condition.read_noise)
-        found["channels_db"] = channels(restored, sharp)
-        found["known_depth_db"] = [image_psnr(linear, sharp), *channels(linear, sharp)]
-    kept.put(job.key, found)
-    return _row(job, system, found, files)
+    def _shown(self, job: Job) -> Shown | None:
+        return Shown.of(self.folder, job.picture.sha256, job.key) if job.picture.name in self.show else None
 
-
-def _row(job: Job, system: EvaluatedSystem, found: Json, files: Shown | None) -> PictureScore:
-    return PictureScore(
-        system.name,
-        job.picture.name,
-        job.condition.label,
-        job.inverse_depth,
-        **{name: found[name] for name in SCORES},
-        shown=files,
-        channels_db=tuple(found.get("channels_db", ())),
-        known_depth_db=tuple(found.get("known_depth_db", ())),
-    )
+    def _row(self, job: Job, found: Json, shown: Shown | None) -> PictureScore:
+        about = (self.system.name, job.picture.name, job.condition.label, job.inverse_depth)
+        levels = {"channels_db": (), "known_depth_db": (), **found}
+        as_kept: Json = {
+            name: tuple(value) if name not in SCORES else value for name, value in levels.items()
+        }
+        return PictureScore(*about, **as_kept, shown=shown)
 
 
 def channels(image: Tensor, truth: Tensor) -> list[float]:
@@ -371,12 +367,8 @@ def pairs(rows: Sequence[PictureScore], system: str, said: Callable[[PictureScor
     for row in rows:
         if row.shown is None:
             continue
-        for path, what, db in (
-            (row.shown.photo, "sensor", row.photo_db),
-            (row.shown.restored, "output", row.restored_db),
-        ):
-            alt = f"{row.picture}, {what} of {system}, {said(row)}: {decibels(db)}."
-            pictures.append(picture_file(path, f"{said(row)}, {what}", alt, note=decibels(db)))
+        where = f"{system}, {said(row)}"
+        pictures += row.shown.pair(row.picture, said(row), where, row.photo_db, row.restored_db)
     return Gallery(tuple(pictures), MIDDLES, columns=4, pixels=True, title=system)
 
 

@@ -98,9 +98,7 @@ def scene_page(
     return replace(image_page(shown, recipe.purpose, facts, crops=crops, rest=(ways, again)), back=back)
 
 
-def overview_page(
-    outcome: SceneScores, networks: Sequence[str], links: Sequence[Link], command: str = ""
-) -> Page:
+def overview_page(outcome: SceneScores, networks: Sequence[str], links: Sequence[Link]) -> Page:
     """All scenes: scores, what a cheaper simulation would have concluded, scores by depth and near edges."""
     head: list[Block] = [Keys(tuple(key for network in networks for key in _keys(outcome, network)))]
     if outcome.problems:
@@ -122,7 +120,6 @@ def overview_page(
         "network: what is gained, where, and how much of that depends on how the photo was simulated.",
         tuple(sections) if outcome.measured else (),
         tuple(head),
-        {"Scenes": str(len(outcome.measured)), "Repeat": command} if command else {},
     )
 
 

@@ -209,9 +209,9 @@ def mean(values: Iterable[float]) -> float:
     return sum(finite) / len(finite) if finite else math.nan
 
 
-def worst(outcome: SceneScores, network: str, way: str = OURS) -> Measured | None:
+def worst(outcome: SceneScores, network: str) -> Measured | None:
     """The scene whose restored picture scores least."""
-    scored = [(m, row) for m in outcome.measured if (row := m.score(way, network, "restored")) is not None]
+    scored = [(m, row) for m in outcome.measured if (row := m.score(OURS, network, "restored")) is not None]
     return min(scored, key=lambda each: each[1].psnr_db, default=(None, None))[0]
 
 

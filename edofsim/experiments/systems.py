@@ -14,7 +14,6 @@ from torch import Tensor
 
 from ..optics import PAPER_COLOURS, Camera
 from ..optics import cache as bank_cache
-from ..optics.nodes import node_shares
 from ..recipe.fabrication import Fabrication
 from ..recipe.load import load_camera
 from ..restore import wiener
@@ -174,18 +173,16 @@ def described(fabrication: Fabrication) -> str:
     return json.dumps(fabrication.model_dump(mode="json"), sort_keys=True)
 
 
-def filtered(photo: Tensor, stack: Tensor, glare: Tensor, nodes: Tensor | None = None) -> Tensor:
+def filtered(photo: Tensor, stack: Tensor, glare: Tensor) -> Tensor:
     """A photo [3, y, x], of whose light the part `glare` [3] is veiling glare, after Wiener deconvolution by
-    PSFs [depth, 3, y, x] at inverse depths `nodes` [depth] (None: all equally likely), in [0, 1].
+    PSFs [depth, 3, y, x] of depths that are equally likely, in [0, 1].
 
     photo: [3, y, x], full scale 1.
     stack: [depth, 3, y, x].
     glare: [3], part of the light.
-    nodes: [depth], 1/m; None where all are equally likely.
     """
     within = (stack / stack.sum((-1, -2), keepdim=True)).to(photo)
-    shares = None if nodes is None else node_shares(nodes)
-    return wiener(without_glare(photo, glare), within, READ_NOISE, shares=shares).clamp(0, 1)
+    return wiener(without_glare(photo, glare), within, READ_NOISE).clamp(0, 1)
 
 
 def truncated_share(psf: Tensor) -> Tensor:

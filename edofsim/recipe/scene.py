@@ -11,8 +11,9 @@ from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 from ..errors import InputError
 from .base import NonNegative, Positive, RecipeModel
 from .family import Family
+from .kinds import OBJECTS, OfKind
 from .lights import AnyLight
-from .objects import AnyObject
+from .placed import Thing
 from .sources import AnySource
 
 
@@ -121,7 +122,7 @@ class SceneRecipe(RecipeModel):
     """settings of the path tracer"""
     lights: tuple[AnyLight, ...] = ()
     """lights, each a table with its `kind`"""
-    objects: tuple[AnyObject, ...] = ()
+    objects: tuple[Annotated[Thing, OfKind(OBJECTS)], ...] = ()
     """objects, each a table with its `kind`; or give a `source`"""
     source: AnySource | None = None
     """file that the scene is read from, in place of `objects`"""

@@ -32,7 +32,7 @@ def gain_figures(found: Mapping[str, float], where: str = "") -> dict[str, float
     return {f"{base}.over_{name}": gain for name, gain in found.items()}
 
 
-def gains_in_words(found: Mapping[str, float], restored: str = "Restored") -> str:
+def gains_in_words(found: Mapping[str, float]) -> str:
     """Gains as a sentence, and one more where the photo is better than what was made of it; empty without
     any gain."""
     if not found:
@@ -44,4 +44,4 @@ def gains_in_words(found: Mapping[str, float], restored: str = "Restored") -> st
         said.append(f"{near} {RIVALS[name]}")
     listed = " and ".join([", ".join(said[:-1]), said[-1]] if len(said) > 1 else said)
     worse = found.get("photo", 0.0) <= -ALIKE_DB
-    return f"{restored} is {listed}." + (" The photo is better than the restored image." if worse else "")
+    return f"Restored is {listed}." + (" The photo is better than the restored image." if worse else "")

@@ -107,14 +107,13 @@ def psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
 
-def image_psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None, noise: TruthNoise = "none") -> float:
+def image_psnr(image: Tensor, truth: Tensor, noise: TruthNoise = "none") -> float:
     """PSNR in dB of a photo or a restored image against the truth, both within full scale 1; see `psnr`.
 
     image, truth: [channel, y, x].
-    mask: [y, x], bool; None for all pixels.
     noise: of the truth, as of `score`.
     """
-    return level_and_error(image, truth, noise, mask)[0]
+    return level_and_error(image, truth, noise)[0]
 
 
 def level_and_error(
