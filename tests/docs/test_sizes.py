@@ -35,3 +35,23 @@ def test_what_is_too_long_is_found():
     assert list(sizes.long_functions(said, docstrings=False).values()) == [61]
     assert sizes.long_files(texts) == {"edofsim/room/b.py": 401}
     assert sizes.rooms(texts) == {".": 61, "room": 401}
+
+
+def test_lines_of_code_are_those_that_do_something():
+    text = '''"""A file."""
+
+import a  # a remark
+NAME = """two
+lines"""
+"""What the name is."""
+
+
+def f(
+    x,
+):
+    """It."""
+    # a remark
+    return x
+'''
+    assert sizes.code(text) == 1 + 2 + 3 + 1
+    assert sizes.rooms({"edofsim/room/a.py": text}, sizes.code) == {"room": 7}

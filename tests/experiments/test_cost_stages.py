@@ -47,6 +47,11 @@ def view(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> View:
     )
 
 
+def ship(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """As if these were all networks with a mask: each takes seconds."""
+    monkeypatch.setattr(cost_stages, "shipped_checkpoints", lambda: names)
+
+
 def camera(name: str) -> Loaded:
     loaded = load_camera(name)
     recipe = loaded.recipe.model_copy(update={"psf": PsfSettings(window_px=32)})
@@ -56,18 +61,24 @@ def camera(name: str) -> Loaded:
 def test_restoring_is_measured_once_and_the_default_is_marked(
     view: View, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
+    ship(monkeypatch, "paper-dcnn")
     taken = []
     whole = cost_stages.restore
     monkeypatch.setattr(cost_stages, "restore", lambda *a, **k: taken.append(a) or whole(*a, **k))
     points = cost_stages.restore_points(view, camera("paper-clear"), tmp_path, repeats=2)
     assert len(taken) == 2 * len(points) and len({point.name for point in points}) == len(points)
     assert [point.name for point in points if point.chosen] == ["universal"]
+    names = ["Wiener", "paper-dcnn", "Wiener, mask of paper-dcnn", "universal"]
+    assert [point.name for point in points] == names
     assert all(point.seconds > 0 and math.isfinite(point.value) for point in points)
     again = cost_stages.restore_points(view, camera("paper-clear"), tmp_path, repeats=2)
     assert again == points and len(taken) == 2 * len(points)
 
 
-def test_a_camera_with_a_network_of_its_own_is_restored_by_it(view: View, tmp_path: Path):
+def test_a_camera_with_a_network_of_its_own_is_restored_by_it(
+    view: View, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    ship(monkeypatch, "paper-bank", "paper-dcnn")
     points = cost_stages.restore_points(view, camera("paper-learned"), tmp_path, repeats=1)
     (chosen,) = [point for point in points if point.chosen]
     assert "Wiener" not in chosen.name and any("Wiener" in point.name for point in points)

@@ -147,12 +147,22 @@ def test_photos_of_many_scenes_are_those_of_each(scenes: list[Path], tmp_path: P
     cache = tmp_path / "cache"
     alone, both = tmp_path / "alone", tmp_path / "both"
     options = ("--camera", "paper-clear", "--cache", cache, "--quiet", "--accuracy", "full")
-    for scene in scenes[:2]:
-        places = ("--out", alone / f"{scene.stem}-paper-clear", "--json", alone / f"{scene.stem}.json")
-        # in a process of its own, as the others are: this one has another number of threads, by which some
-        # processors round
-        command = [sys.executable, "-m", "edofsim", "expose", scene, *places, *options]
-        subprocess.run([str(part) for part in command], check=True)
+    # one by one in another process, as the workers are: this one has another number of threads, by which some
+    # processors round
+    commands = [
+        [
+            "expose",
+            scene,
+            "--out",
+            alone / f"{scene.stem}-paper-clear",
+            "--json",
+            alone / f"{scene.stem}.json",
+        ]
+        for scene in scenes[:2]
+    ]
+    typed = [[str(part) for part in (*command, *options)] for command in commands]
+    code = f"from edofsim.cli import invoke\nfor each in {typed!r}:\n    invoke(each)"
+    subprocess.run([sys.executable, "-c", code], check=True)
     broken = tmp_path / "broken.toml"
     mesh = SCENE.replace('kind = "panel"', 'kind = "mesh"\npath = "none.obj"').replace("height_mm = 4\n", "")
     broken.write_text(

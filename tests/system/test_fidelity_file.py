@@ -65,7 +65,8 @@ def test_a_kept_json_is_the_fidelity_that_it_says(card: Path):
 def test_what_a_run_wrote_gives_its_photo_again(edofsim: Command, card: Path, tmp_path: Path):
     first, again, toml = tmp_path / "first", tmp_path / "again", tmp_path / "toml"
     status, said = edofsim(
-        "run", card, "--layers", "3", "--without", "bands", "--out", first, "--json", tmp_path / "run.json"
+        *("run", card, "--layers", "3", "--without", "bands", "--network", "wiener"),
+        *("--out", first, "--json", tmp_path / "run.json"),
     )
     assert status == 0, said
     written = json.loads((tmp_path / "run.json").read_text())
@@ -75,7 +76,9 @@ def test_what_a_run_wrote_gives_its_photo_again(edofsim: Command, card: Path, tm
     assert header["predicted"]["psnr_db"] == pytest.approx(written["figures"]["plan.psnr_db"], abs=0.01)
     left = header["predicted"]["left_out_db"]
     assert left["bands"] == pytest.approx(written["figures"]["psnr_db.without_bands"], abs=0.01)
-    status, said = edofsim("run", card, "--fidelity", tmp_path / "run.json", "--out", again)
+    status, said = edofsim(
+        "run", card, "--fidelity", tmp_path / "run.json", "--network", "wiener", "--out", again
+    )
     assert status == 0, said
     assert float((photo_of(first) - photo_of(again)).abs().max()) < 1e-6
     assert "run.json says, without a plan" in (again / "report.html").read_text()
