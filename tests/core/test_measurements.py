@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.io import savemat
 
+from edofsim.core import measurements
 from edofsim.core.measurements import read_numbers
 from edofsim.errors import InputError
 
@@ -176,3 +178,26 @@ def test_texts_have_the_separators_of_other_countries(tmp_path: Path):
     (tmp_path / "a.csv").write_text("# heights\n0,5;1,25\n2;\n")
     got = read_numbers("a.csv", None, tmp_path, "map")
     np.testing.assert_array_equal(got, [[0.5, 1.25], [2, np.nan]])
+
+
+def test_mat_files_are_tried_by_one_process_that_may_end_at_any_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A crash is the file's fault, a process that was ended in the meantime is not."""
+    savemat(tmp_path / "a.mat", {"a": np.ones((2, 3))})
+
+    def read() -> np.ndarray:
+        return measurements.read_numbers("a.mat", None, tmp_path, "depths")
+
+    assert read().shape == (2, 3)
+    tries = measurements._tries(os.getpid())
+    assert read().shape == (2, 3) and measurements._tries(os.getpid()) is tries
+    tries.kill()
+    tries.wait()
+    assert read().shape == (2, 3)
+    measurements._tries.cache_clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(measurements, "TRIES", "import os\ninput()\nos.abort()")
+        with pytest.raises(InputError, match="a damaged MAT file"):
+            read()
+    assert read().shape == (2, 3)

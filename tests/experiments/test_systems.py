@@ -73,17 +73,17 @@ def page(camera: Camera) -> View:
     return replace(view, inverse_depth=depth.flatten())
 
 
-def scores(view: View, camera: Camera, layers: int | None) -> tuple[float, float]:
-    """PSNR in dB of a photo, and of what Wiener deconvolution makes of it."""
+def scores(view: View, camera: Camera, layers: int | None) -> tuple[int, list[float]]:
+    """Layers of a photo; PSNR in dB of it, and of what Wiener deconvolution makes of it."""
     taken = capture_restored(view, replace(NONE, layers=layers), System("wiener", camera, ByWiener()))
-    photo, restored = (psnr(taken.images[name].clamp(0, 1), taken.truth) for name in ("photo", "restored"))
-    return photo, restored
+    images = (taken.images[name].clamp(0, 1) for name in ("photo", "restored"))
+    return taken.photo.how.layers, [psnr(image, taken.truth) for image in images]
 
 
 def shift(view: View, camera: Camera, layers: int | None) -> float:
     """By how much scores move with twice the layers, in dB at most; None for as many as the camera asks."""
-    count = layers or capture_restored(view, NONE, System(LENS_ALONE, camera)).photo.how.layers
-    once, twice = scores(view, camera, layers), scores(view, camera, 2 * count)
+    count, once = scores(view, camera, layers)
+    _, twice = scores(view, camera, 2 * (layers or count))
     return max(abs(a - b) for a, b in zip(once, twice, strict=True))
 
 
