@@ -42,7 +42,7 @@ from .plan import (
     with_predicted,
 )
 from .recipe import CameraRecipe, Loaded, SceneRecipe
-from .record import peak_memory_mib
+from .record import give_back_memory, peak_memory_mib
 from .render import cached, render
 from .render.view import View
 from .restore import channel_psfs, choose_network, restore
@@ -128,6 +128,8 @@ def run(
     view, plan, facts = planned_view(scene, optics, watch, cache=cache, device=device, **asked)
     work = _Work(view, optics, plan, checkpoint, seed, compute, watch)
     rival = work.plan_alone(facts, overrule, target)
+    del facts
+    give_back_memory()
     photo, lens_alone = work.photos(rival)
     psfs, depths = work.psfs()
     restores = _Restores(work, photo, psfs, depths)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import math
 import time
@@ -25,6 +24,7 @@ from ..experiments.kept import Kept, key_of
 from ..experiments.restorations import Known, known_of
 from ..experiments.systems import camera_digest
 from ..optics import Camera
+from ..record import give_back_memory
 from ..restore.scores import depth_ranges, flip_map, score_parts
 from ..restore.truth import Truth
 from .definition import Benchmark, Shot
@@ -204,7 +204,7 @@ def _peak_mib(*, reset: bool = False) -> float:
     """The most memory that this process has held since it was reset, in MiB; NaN where Linux does not say."""
     try:
         if reset:
-            ctypes.CDLL(None).malloc_trim(0)  # what was freed and kept would be taken again, unseen
+            give_back_memory()  # what was freed and kept would be taken again, unseen
             Path("/proc/self/clear_refs").write_text("5")
         status = Path("/proc/self/status").read_text()
     except (OSError, AttributeError, TypeError):

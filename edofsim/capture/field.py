@@ -14,9 +14,9 @@ from ..core.progress import Progress
 from ..core.store import user_folder
 from ..errors import InputError
 from ..optics import Camera
-from ..optics.field import Frame, Place, joined, relative_light, step_for
+from ..optics.field import Frame, Place, errors_by_step, joined, relative_light, step_for
 from ..optics.psf import carries_gradients
-from ..optics.terms import terms_of
+from ..optics.terms import HALF, terms_of
 from ..render.view import View
 from .crop import crop
 from .fidelity import Fidelity, simpler_camera
@@ -25,6 +25,9 @@ from .terms import TermBlurring
 
 NEARER_DB = 6.0
 """Than depth nodes: kernels make up the PSFs of these."""
+CHANGE_STEP_PX = 128
+"""Least pixels between places in the field that have sub-apertures of their own: what these change is little,
+and varies little."""
 Part = Callable[[View, int], View]
 """Of light that fills a frame, what reaches a place from within this many pixels around it."""
 
@@ -49,6 +52,39 @@ def field_step(camera: Camera, fidelity: Fidelity, frame: Frame, axes: Axes) -> 
     if fidelity.field_step_px is not None:
         return fidelity.field_step_px
     return step_for(camera, frame, axes.wavelengths, axes.ends, fidelity.layers_db)
+
+
+def change_over_field(
+    camera: Camera,
+    fidelity: Fidelity,
+    frame: Frame | None,
+    step: int | None,
+    axes: Axes,
+    photo: Tensor,
+    changed: Callable[[Camera, Part], Tensor],
+) -> Tensor:
+    """What `changed` says that a way to simulate changes in a photo [..., y, x], as `image_over_field`.
+
+    Where the change is so little that the axis's, in the light of each place, errs by no more than half of
+    `layers_db`, that is taken; else that of as few places as may be, `CHANGE_STEP_PX` apart at least.
+    """
+    change = changed(camera, lambda light, reach: light)
+    if frame is None or step is None:
+        return change
+    least = max(step, CHANGE_STEP_PX)
+    contrast = float(photo.detach().std()) / max(1e-30, float(change.detach().square().mean().sqrt()))
+    allowed = HALF * 10 ** (-fidelity.layers_db / 20) * contrast
+
+    def light(at: Place) -> Tensor:
+        return torch.full_like(at.share, relative_light(camera.seen_at(at.field)))
+
+    for apart, error in errors_by_step(camera, frame, axes.wavelengths, axes.ends):
+        if error < allowed and apart == 0:
+            return change * joined(frame, least, light)
+        if error < allowed or 0 < apart <= least:
+            least = apart
+            break
+    return image_over_field(camera, frame, least, changed)
 
 
 def image_over_field(

@@ -123,13 +123,14 @@ def imaging_of(
     axes: Axes,
     *,
     field_step: float | None = None,
+    held: bool = True,
     cache: Path | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Imaging:
     """The optics of a camera for views of these axes.
 
-    field_step, cache: see `psf_field`.
+    field_step, held, cache: see `psf_field`.
     """
     window = fidelity.window_px or camera.recipe.psf.window_px
     gathering = gathering_of(camera, fidelity, axes)
@@ -139,6 +140,7 @@ def imaging_of(
         axes.nodes,
         window_px=window,
         field_step=field_step,
+        held=held,
         cache=cache,
         dtype=dtype,
         device=device,

@@ -31,7 +31,7 @@ from .blurring import Blurring
 from .checks import check_fidelity, check_pixel_angle, check_window, distortion_of
 from .fidelity import Fidelity
 from .fidelity_file import values_of
-from .field import Part, field_step, frame_of, image_over_field, in_terms, over_field
+from .field import Part, change_over_field, field_step, frame_of, image_over_field, in_terms, over_field
 from .guessed import guessed_fragments, lacks_hidden, with_guessed
 from .imaging import Axes, Imaging, imaging_of, spectrum_of, sub_aperture_imaging
 from .light import hat_weights, seen
@@ -43,9 +43,6 @@ from .terms import TermBlurring
 
 GLARE_NODES = 8
 """Depths at which truncated light is known, for each node of band-limited PSFs: between them it is linear."""
-SUB_APERTURE_STEP_PX = 128
-"""Least pixels between places in the field that have sub-apertures of their own: what these change is little,
-and varies little."""
 
 
 @own_precision
@@ -142,7 +139,8 @@ def _imaged(
     tangent = None if step is None or by_terms else step * views[0].pixel_angle
 
     def optics(here: Camera) -> Imaging:
-        return imaging_of(here, fidelity, axes, field_step=tangent, cache=cache, **how)
+        # terms take the place of the axis's PSFs
+        return imaging_of(here, fidelity, axes, field_step=tangent, held=not by_terms, cache=cache, **how)
 
     imaging = optics(camera)
     if frame is not None and step is not None and by_terms:
@@ -151,26 +149,27 @@ def _imaged(
     watch.lap("psf", 0.4)
     lights = [imaging.light(view) for view in views]
     layouts = [imaging.layout(view) if layout is None else layout for view in views]
-    of_parts = layouts if step is None else [None] * len(views)
+    unknown = [None] * len(views)  # of a part of the frame
     glare = [glare_of(light, imaging.blurring) for light in lights]
 
     def blurred(here: Camera, part: Part) -> Tensor:
         own = imaging if step is None or by_terms else optics(here)
         at, haze = own, glare if own is imaging else [glare_of(light, own.blurring) for light in lights]
         parts = (part(light, at.window // 2) for light in lights)
-        images = [at.image(*each) for each in zip(parts, layouts if by_terms else of_parts, strict=True)]
+        known = layouts if here is camera else unknown
+        images = [at.image(*each) for each in zip(parts, known, strict=True)]
         return torch.stack(images) + torch.stack([each for each, _ in haze])[:, :, None, None]
 
     def changed(here: Camera, part: Part) -> Tensor:
         at = sub_aperture_imaging(here, fidelity, axes, **how)
         parts = (part(at.light(view), at.window // 2) for view in views)
-        return torch.stack([at.change_by_sub_apertures(*each) for each in zip(parts, of_parts, strict=True)])
+        known = layouts if here is camera else unknown
+        return torch.stack([at.change_by_sub_apertures(*each) for each in zip(parts, known, strict=True)])
 
     photo = image_over_field(camera, frame, None if by_terms else step, blurred).to(views[0].radiance)
     watch.lap("blur", 0.5 if _in_parts(fidelity) else 0.9)
     if _in_parts(fidelity):
-        rarer = None if step is None else max(step, SUB_APERTURE_STEP_PX)
-        photo = photo + image_over_field(camera, frame, rarer, changed).to(views[0].radiance)
+        photo = photo + change_over_field(camera, fidelity, frame, step, axes, photo, changed).to(photo)
         watch.lap("sub_apertures", 0.9)
     return photo, torch.stack([fraction for _, fraction in glare]), imaging, step
 

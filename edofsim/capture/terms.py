@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -52,10 +53,16 @@ class _Table:
     shares: Tensor
     kernels: Tensor
 
-    def weighted(self, values: Tensor) -> list[Tensor]:
+    def cells(self) -> tuple[Tensor, list[Tensor]]:
+        """Fragments in the order of their rows, and in parts of no more than `AT_ONCE` with the same ones."""
+        order = self.corners[:, 0].argsort(stable=True)
+        counts = self.corners[order, 0].unique_consecutive(return_counts=True)[1].tolist()
+        return order, [part for cell in order.split(counts) for part in cell.split(AT_ONCE)]
+
+    def weighted(self, values: Tensor) -> Iterator[Tensor]:
         """Of values [row, n], those of each fragment, some fragments at a time: [n of fragment, n]."""
-        parts = zip(self.corners.split(AT_ONCE), self.shares.split(AT_ONCE), strict=True)
-        return [embedding_bag(at, values, mode="sum", per_sample_weights=by) for at, by in parts]
+        for at, by in zip(self.corners.split(AT_ONCE), self.shares.split(AT_ONCE), strict=True):
+            yield embedding_bag(at, values, mode="sum", per_sample_weights=by)
 
 
 class TermBlurring(Blurring):
@@ -112,26 +119,34 @@ class TermBlurring(Blurring):
         return self.response @ torch.as_tensor(total, dtype=self.response.dtype)
 
     def _shone(self, table: _Table, view: View, which: Tensor, radiance: Tensor) -> Tensor:
-        groups, terms = table.factors.shape[1:]
-        amounts = []
-        pieces = zip(table.weighted(table.factors.flatten(1)), radiance.split(AT_ONCE, 1), strict=True)
-        for factors, light in pieces:
-            seen = light.T[:, None, :] * self.response  # [fragment, channel, group]
-            amounts.append(torch.bmm(seen, factors.reshape(-1, groups, terms)))
-        return self._imaged(amounts, table, view, which)
+        order, parts = table.cells()
+        amounts = radiance.new_empty(len(which), len(self.response), len(table.kernels))
+        start = 0
+        for some in parts:
+            # fragments between the same rows: one product with all of these
+            light = radiance.index_select(1, some).T[:, None, None, :] * self.response[:, None, :]
+            light = (light * table.shares[some][:, None, :, None]).flatten(2)  # [n, channel, corner * group]
+            rows = table.factors[table.corners[some[0]]].flatten(0, 1)
+            amounts[start : start + len(some)] = light @ rows
+            start += len(some)
+        return self._imaged(amounts, table, view, which[order])
 
     def _covered(self, table: _Table, view: View, which: Tensor, amount: Tensor) -> Tensor:
         """By PSFs that each sum to 1."""
         whole = table.factors @ table.kernels.sum((-2, -1))
         white = torch.einsum("cg,ngt->nct", self.response, table.factors / whole[..., None])
-        pieces = zip(table.weighted(white.flatten(1)), amount.split(AT_ONCE), strict=True)
-        amounts = [(part * some[:, None]).reshape(-1, *white.shape[1:]) for part, some in pieces]
+        amounts = white.new_empty(len(which), *white.shape[1:])
+        pieces = zip(
+            table.weighted(white.flatten(1)), amount.split(AT_ONCE), amounts.split(AT_ONCE), strict=True
+        )
+        for part, some, out in pieces:
+            out.flatten(1).copy_(part * some[:, None])
         return self._imaged(amounts, table, view, which)
 
-    def _imaged(self, amounts: list[Tensor], table: _Table, view: View, which: Tensor) -> Tensor:
-        if not amounts:
+    def _imaged(self, amounts: Tensor, table: _Table, view: View, which: Tensor) -> Tensor:
+        if not len(which):
             return self.response.new_zeros(len(self.response), *view.padded_shape)
-        light = TermLight(*view.padded_shape, view.pixel[which], torch.cat(amounts), table.kernels)
+        light = TermLight(*view.padded_shape, view.pixel[which], amounts, table.kernels)
         return self._blurred(blurred_terms, light, view)
 
     def _table(self, view: View, which: Tensor, values: Tensor | None = None) -> _Table:

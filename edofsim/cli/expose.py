@@ -23,7 +23,7 @@ from ..options import (
     Spreading,
     Work,
 )
-from ..record import peak_memory_mib, writable_folder
+from ..record import give_back_memory, peak_memory_mib, writable_folder
 from .many import OfScene, all_of, of_each, seen_by, spread_of
 from .shared import Done, begun, check_alone, finish, inputs_of, plan_lines, plan_rows, recipes_of
 
@@ -205,7 +205,8 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
     compute, optics = torch_device(asked.device), Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
     watch = Stopwatch(progress)
     how = {"overrule": asked.overrule, "fidelity": asked.wanted, "cache": asked.cache, "device": asked.device}
-    view, plan, _ = planned_view(scene, optics, watch, resample=asked.resample, target=asked.target, **how)
+    view, plan = planned_view(scene, optics, watch, resample=asked.resample, target=asked.target, **how)[:2]
+    give_back_memory()  # of facts that the plan was made by
     fidelity = _fidelity(plan.fidelity.of_photo(), view, asked)
     if asked.where is not None:
         check_crop(view, asked.where)

@@ -255,6 +255,7 @@ def psf_field(
     *,
     window_px: int,
     field_step: float | None = None,
+    held: bool = True,
     cache: Path | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
@@ -279,6 +280,6 @@ def psf_field(
         return of(camera) if field_step is None else psfs_on_sensor(camera, field_step, of)
 
     size = inverse_depths.numel() * wavelengths.numel() * window_px**2 * dtype.itemsize
-    if size <= HELD_BYTES or carries_gradients(camera):
+    if held and size <= HELD_BYTES or carries_gradients(camera):
         return PsfField(psfs(inverse_depths), inverse_depths, wavelengths)
     return PsfField(psfs, inverse_depths, wavelengths, window_px)

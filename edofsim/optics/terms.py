@@ -37,6 +37,8 @@ MOST_TERMS = 400
 """Kernels, at most."""
 FEWER_BANDS = (3, 4, 6, 8, 11, 15, 20)
 """Wavelengths at which PSFs of places may be computed."""
+PART_BYTES = 32 << 20
+"""PSFs that kernels are found of at a time."""
 HALF = 0.5
 """Of an allowed error is for each of two causes."""
 
@@ -122,7 +124,7 @@ class _Contrast:
 
     def seen(self, psfs: Tensor) -> Tensor:
         """[n, number] of PSFs [n, y, x]."""
-        return torch.view_as_real(torch.fft.rfft2(psfs) * self._weight).flatten(1)
+        return torch.view_as_real(torch.fft.rfft2(psfs).mul_(self._weight)).flatten(1)
 
     def kernels(self, seen: Tensor) -> Tensor:
         """[n, y, x]: what `seen` came from."""
@@ -258,10 +260,13 @@ def _found(asked: _Asked, allowed: float, progress: Progress) -> Terms:
     axial = asked.camera.seen_at((0.0, 0.0))
     central = asked.psfs(axial, asked.nodes, asked.wavelengths)
     matter, few, weights = _few(asked, allowed, kernels, asked.seen(order[0]), central)
-    mixed = shares.to(asked.dtype) @ weights.to(asked.dtype)
-    middle = torch.einsum("gm,nmyx->ngyx", shares.to(central), central)
-    at_few = central[matter][:, few]
-    outside, own = 1 - middle.sum((-2, -1)), kernels.factors(middle)
+    # PSFs are mixed before kernels are found of them, or factors of these after: whichever are fewer
+    mixed, mixed_later = shares.to(asked.dtype) @ weights.to(asked.dtype), None
+    if len(few) < len(mixed):
+        mixed, mixed_later = torch.eye(len(few), dtype=asked.dtype), mixed
+    at_few = torch.einsum("fm,nmyx->nfyx", mixed, central[matter][:, few])
+    middle = central if asked.shares is None else torch.einsum("gm,nmyx->ngyx", shares.to(central), central)
+    outside, own = 1 - middle.sum((-2, -1)), _in_parts(kernels, middle)
     del central, middle
     found: dict[tuple[int, int], tuple[Tensor, Tensor]] = {}
     for done, place in enumerate(order):
@@ -269,12 +274,14 @@ def _found(asked: _Asked, allowed: float, progress: Progress) -> Terms:
         here = asked.seen(place)
         factors, lost = own, outside
         if here.field != axial.field and len(matter):
-            other = asked.psfs(here, asked.nodes[matter], asked.wavelengths[few]) - at_few
-            other = torch.einsum("gm,nmyx->ngyx", mixed, other)
-            more = kernels.factors(other)
+            other = asked.psfs(here, asked.nodes[matter], asked.wavelengths[few])
+            other = torch.einsum("fm,nmyx->nfyx", mixed, other).sub_(at_few)
+            more, gone = kernels.factors(other), other.sum((-2, -1))
+            if mixed_later is not None:
+                more, gone = mixed_later @ more, gone @ mixed_later.T
             factors, lost = _wider(own, more.shape[-1]).clone(), outside.clone()
             factors[matter] += more
-            lost[matter] -= other.sum((-2, -1))
+            lost[matter] -= gone
         light = relative_light(here)
         found[place] = factors * light, lost * light
     shape = (len(grid.down), len(grid.across))
@@ -286,6 +293,17 @@ def _found(asked: _Asked, allowed: float, progress: Progress) -> Terms:
         (grid.down[0], grid.across[0]),
         grid.step,
     )
+
+
+def _in_parts(kernels: _Kernels, psfs: Tensor) -> Tensor:
+    """Factors [node, group, term] of PSFs [node, group, y, x], of which a part is worked on at a time, every
+    so many nodes."""
+    count = min(len(psfs), math.ceil(psfs.nbytes / PART_BYTES))
+    parts = [kernels.factors(psfs[start::count]) for start in range(count)]
+    factors = psfs.new_empty(*psfs.shape[:2], len(kernels.kernels))
+    for start, part in enumerate(parts):
+        factors[start::count] = _wider(part, len(kernels.kernels))
+    return factors
 
 
 def _even(factors: Tensor, kernels: Tensor, step: float) -> Tensor:

@@ -16,9 +16,9 @@ import torch
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity, of_sub_apertures, pupil_is_free, simpler_camera
+from ..capture.field import CHANGE_STEP_PX
 from ..capture.layers import BLOCK_PIXELS
 from ..capture.light import CROP_BELOW
-from ..capture.photograph import SUB_APERTURE_STEP_PX
 from ..optics import Camera
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
@@ -136,7 +136,7 @@ def work_of(
         own = _psfs(samples, (window * finest + 2) / 2, True, few, layers * few)
         terms, blur = _terms_of(shape, fidelity, window, layers, groups, step, mirrored, own)
         psfs = _added(waves, terms)
-    rarer, parts_wider = _over_field(shape, window, step and max(step, SUB_APERTURE_STEP_PX))
+    rarer, parts_wider = _over_field(shape, window, step and max(step, CHANGE_STEP_PX))
     block = min(groups, max(1.0, BLOCK_PIXELS // largest))
     return Work(
         {

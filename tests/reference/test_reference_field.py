@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from edofsim.capture import Fidelity, capture
+from edofsim.capture import field as captured
 from edofsim.experiments import occlusion, occlusion_cameras
 from edofsim.experiments.occlusion_cameras import Edge
 from edofsim.optics.field import Frame, relative_light
@@ -58,7 +59,7 @@ def test_a_depth_edge_in_a_corner_against_clipped_pupils(screens, monkeypatch: p
     assert scores["field"] > max(scores["axis"], scores["upside down"]) + 3
     # sub-apertures of places 128 pixels apart change the photo as those of places as close as the PSFs' do
     coarse = found["field"]
-    monkeypatch.setattr(module, "SUB_APERTURE_STEP_PX", 1)
+    monkeypatch.setattr(captured, "CHANGE_STEP_PX", 1)
     fine = capture(replace(view, axis=AXIS), camera, fidelity, exposure=1.0).clean[inside]
     without = replace(fidelity, sub_apertures=1)
     none = capture(replace(view, axis=AXIS), camera, without, exposure=1.0).clean[inside]

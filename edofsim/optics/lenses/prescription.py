@@ -87,7 +87,13 @@ class PrescriptionLens(Lens):
         return self._bowl(_on_axis(self, wavelength), radius_squared).mul_(2 * math.pi * MM / wavelength)
 
     def _bowl(self, factors: Sequence[float], radius_squared: Tensor) -> Tensor:
-        """What polynomials of `_on_axis` say."""
+        """What polynomials of `_on_axis` say; of a pupil that is its own mirror image, on a quarter of it."""
+        half = radius_squared.shape[0] // 2 if radius_squared.ndim == 2 else 0
+        upper, lower = radius_squared[:half], radius_squared[half:]
+        if half and all(torch.equal(*each) for each in ((upper.flip(0), lower), (lower.flip(1), lower))):
+            quarter = self._bowl(factors, lower[:, lower.shape[1] // 2 :].flatten()).reshape(half, -1)
+            rows = torch.cat([quarter.flip(1)[:, : lower.shape[1] // 2], quarter], 1)
+            return torch.cat([rows.flip(0), rows])
         place = radius_squared.clamp_max((BEYOND_RIM * self.aperture_radius) ** 2)
         place = place * (2 / (BEYOND_RIM * self.aperture_radius) ** 2) - 1  # -1 on the axis, 1 beyond the rim
         total = torch.zeros_like(place)
