@@ -2,17 +2,20 @@
 
 Prints JSON: how many were read, how many refused, and what else happened, with the number of the mutation,
 which makes it again. Memory beyond 2 GiB above the start, or five seconds of the processor on one file,
-count as failures too.
+count as failures too. Without arguments it takes lines of JSON, [READER, COUNT, SEED, FILE], forks a process
+for each, which has all imports by then and writes into the file, and answers with how that process ended.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import resource
 import signal
 import struct
 import sys
 import tempfile
+import traceback
 import warnings
 import zlib
 from collections.abc import Callable
@@ -417,5 +420,32 @@ def fuzz(reader: str, count: int, base: int) -> dict[str, object]:
     return found
 
 
+def serve() -> None:
+    import edofsim.cli
+    import edofsim.learn.trainer
+    import edofsim.scene.foreign
+    import edofsim.stability.views  # noqa: F401
+
+    for line in sys.stdin:
+        reader, count, base, said = json.loads(line)
+        child = os.fork()
+        if child == 0:
+            status = 1
+            try:
+                with open(f"{said}.stderr", "w") as log:  # libraries print, too
+                    os.dup2(log.fileno(), 1)
+                    os.dup2(log.fileno(), 2)
+                Path(said).write_text(json.dumps(fuzz(reader, count, base)))
+                status = 0
+            except Exception:
+                traceback.print_exc()
+            finally:
+                os._exit(status)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+
 if __name__ == "__main__":
-    print(json.dumps(fuzz(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))))
+    if len(sys.argv) == 1:
+        serve()
+    else:
+        print(json.dumps(fuzz(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))))
