@@ -58,8 +58,9 @@ lint: $(VENV)/.installed-tools
 types: $(VENV)/.installed-tools
 	$(BIN)/pyrefly check
 
+# with compiled files kept, which some machines are set not to: pytest compiles its asserts for 10 s a process
 test: setup $(VENV)/.installed-tools
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
+	OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
 
 test-all: test
 	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
