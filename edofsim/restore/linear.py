@@ -155,21 +155,20 @@ def _placed(
 ) -> tuple[Tensor, Tensor]:
     """Spectra [depth, channel, channel, y, x // 2 + 1] to covariances between the pixels of a filter."""
     depths, channels = transfer.shape[:2]
-    place = torch.arange(support, device=transfer.device)
-    rows, columns = (axis.reshape(-1) for axis in torch.meshgrid(place, place, indexing="ij"))
-    down, across = ((axis[:, None] - axis[None, :]) % size for axis in (rows, columns))
+    place = torch.arange(1 - support, support, device=transfer.device)
     alike = torch.tensor(COLOUR_CORRELATION).to(spectrum)
-    blocks: dict[tuple[int, int], Tensor] = {}
+    covariance = transfer.real.new_empty(depths, channels, support**2, channels, support**2)
     for first in range(channels):
         for second in range(first, channels):
             both = pairs[:, first, second] * (spectrum * alike[first, second])
-            block = torch.fft.irfft2(both, s=(size, size))[:, down, across]
-            blocks[first, second], blocks[second, first] = block, block.transpose(-1, -2)
-    covariance = torch.cat(
-        [torch.cat([blocks[first, second] for second in range(channels)], -1) for first in range(channels)],
-        -2,
-    )
-    around = (place - support // 2) % size
+            shifted = torch.fft.irfft2(both, s=(size, size))[:, place % size][:, :, place % size]
+            # [depth, y, x, other y, other x] at the difference of both places
+            block = shifted.unfold(1, support, 1).unfold(2, support, 1).flip(-1, -2)
+            covariance[:, first, :, second] = block.reshape(depths, support**2, -1)
+            covariance[:, second, :, first] = covariance[:, first, :, second].mT.clone()
+    covariance = covariance.flatten(3).flatten(1, 2)
+    covariance.diagonal(dim1=-2, dim2=-1).add_(noise**2)
+    around = (place[support - 1 :] - support // 2) % size
     seen = torch.fft.irfft2(transfer * spectrum, s=(size, size))[..., around, :][..., around]
     with_sharp = (alike[:, :, None] * seen.reshape(depths, 1, channels, -1)).reshape(depths, channels, -1)
-    return covariance + noise**2 * torch.eye(covariance.shape[-1]).to(covariance), with_sharp
+    return covariance, with_sharp
