@@ -78,8 +78,8 @@ class Costs:
             layers = self.facts.layers_of(fidelity.layers)
             groups, colours = self._counts(fidelity)
             how = (self.shape, self.facts.camera, fidelity, layers, groups, colours)
-            how = (*how, self.facts.step_of(fidelity))
-            self._known[fidelity] = work_of(*how)
+            step = self.facts.step_of(fidelity)
+            self._known[fidelity] = work_of(*how, step, self.facts.step_of_parts(fidelity, step))
         return self._known[fidelity]
 
     def _counts(self, fidelity: Fidelity) -> tuple[int, int]:

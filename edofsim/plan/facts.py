@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity, coarsest_pupil_um, edge_pixels, full_fidelity, pupil_is_free
-from ..capture.field import frame_of
+from ..capture.field import CHANGE_STEP_PX, frame_of
 from ..capture.guessed import guessed_fragments, with_guessed
 from ..capture.imaging import spectrum_of
 from ..capture.occlusion.slabs import Hides, cuts, hides
@@ -23,9 +23,11 @@ from ..capture.sensor import automatic_exposure
 from ..core.once import Once
 from ..optics import Camera
 from ..optics.field import STEPS, errors_by_step
+from ..optics.terms import HALF
 from ..recipe import SceneRecipe
 from ..render.view import View
 from .coarse import Coarse, coarse_of
+from .places import without_field
 from .shape import Shape, shape_of
 from .spectra import Spectra, spectra_of
 
@@ -35,6 +37,8 @@ MASKED = {"name", "purpose", "mask", "fabrication"}
 """Tables of a camera's recipe that its mask decides."""
 FIELD_DB = 60.0
 """Errors between places in the field are looked at until they are as small, or smaller than is allowed."""
+CHANGED = 20.0
+"""Contrast of a photo over what sub-apertures change in it, where their work is counted."""
 FEW_DEPTHS = 48
 """Distinct depths up to which a view has depths, and no range of them."""
 
@@ -95,7 +99,7 @@ class Facts:
 
     @cached_property
     def joined(self) -> Mapping[int, float]:
-        """By `field_step_px`, what photos err by; halved steps err by a quarter, once that is little."""
+        """By `field_step_px`, what photos err by at most; steps of half by a quarter, once that is little."""
         view, enough = self.view, min(self.allowed, 10 ** (-FIELD_DB / 20))
         found = dict.fromkeys((0, *STEPS), 0.0)
         for step, error in errors_by_step(self.camera, frame_of([view]), view.wavelengths, self.ends):
@@ -106,6 +110,16 @@ class Facts:
             found[half] = found[half] or found[step] / 4
         return found
 
+    def without_places(self, step: int) -> tuple[float, ...]:
+        """What each channel errs by with places in the field that are `step` pixels apart; 0: with the axis
+        alone, which is measured all over the frame. Errors of steps are in the ratio of the bounds."""
+        share = self.joined[step] / self.joined[0] if step and self.joined[0] else 1.0
+        return tuple(share * error for error in self._without_field)
+
+    @cached_property
+    def _without_field(self) -> tuple[float, ...]:
+        return without_field(self.spectra, frame_of([self.view]))
+
     def step_of(self, fidelity: Fidelity) -> int:
         """Pixels between the places in the field that PSFs are computed at, 0 for one place.
 
@@ -115,6 +129,14 @@ class Facts:
             return fidelity.field_step_px or 0
         least = 10 ** (-fidelity.layers_db / 20)
         return next((step for step in STEPS if self.joined[step] < least), STEPS[-1])
+
+    def step_of_parts(self, fidelity: Fidelity, step: int) -> int:
+        """Likewise of sub-apertures, by what they are taken to change: see `change_over_field`."""
+        if not step:
+            return 0
+        least, enough = max(step, CHANGE_STEP_PX), CHANGED * HALF * 10 ** (-fidelity.layers_db / 20)
+        found = self.joined.items()
+        return next((apart for apart, error in found if error < enough or 0 < apart <= least), least)
 
     @cached_property
     def averaging(self) -> tuple[float, ...]:

@@ -57,6 +57,11 @@ class Tiled:
         some = slice(begin, begin + count)
         return Tiled(self.values[some], self.tile[some], self.node[some])
 
+    def of_tile(self, tile: int) -> Tiled:
+        """The pairs of one tile."""
+        some = self.tile == tile
+        return Tiled(self.values[some], self.tile[some], self.node[some])
+
     def summed(self, weights: Tensor) -> tuple[Tensor, Tensor]:
         """The tiles that have pairs, int64 [some], and for each of them the sum over nodes and k of weights
         [node, channel, k, y, x] times values: [some, channel, y, x].

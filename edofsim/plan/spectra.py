@@ -80,7 +80,7 @@ class Spectra:
     seen: Fragments
     behind: Fragments
     before: Fragments
-    _otfs: MakeOtfs
+    otfs: MakeOtfs
     _known: Once = field(default_factory=Once, repr=False, compare=False)
 
     def nodes(self, count: int, distinct: int | None = None) -> Tensor:
@@ -117,7 +117,7 @@ class Spectra:
         """What gathering bands changes, as a vector (see `Tiles.vector`): against each band on its own."""
         nodes = self.nodes_of_light(NODES)
         weights, components = self._components
-        light = self._light("components", components, nodes)
+        light = self.light("components", components, nodes)
         gathering = self._gathering_of(fidelity, nodes)
         few, shares = self._few_bands
         between = hat(gathering.wavelengths, few.wavelengths)
@@ -125,9 +125,9 @@ class Spectra:
             "cg,gk,gw->ckw", gathering.response, gathering.light @ weights, gathering.psfs @ between
         )
         change = shared - (shares @ weights).transpose(1, 2)
-        otfs = self._otfs(self.full, few, nodes)
+        otfs = self.otfs(self.full, few, nodes)
         spectra = _mixed(change.flatten(0, 1), otfs).unflatten(1, (len(change), -1))
-        return self.tiles.vector(self._image(nodes, spectra, light))
+        return self.tiles.vector(self.image(nodes, spectra, light))
 
     def by_layers(self, layers: int) -> Tensor:
         """What so few depth layers change: against one for every depth."""
@@ -136,7 +136,7 @@ class Spectra:
             (fine, gathering, exact), nodes = self._fine, self.nodes(layers)
             between = hat(fine, nodes, snapped=self.full.occlusion == "normalised")
             if fine is self.depths:  # which lie anywhere
-                coarse = _mixed(between, self._otfs(self.full, gathering, nodes, within=self._reach)[None])[0]
+                coarse = _mixed(between, self.otfs(self.full, gathering, nodes, within=self._reach)[None])[0]
             else:
                 coarse = _mixed(between @ cubic(nodes, fine), exact[None])[0]
             return self._by_channel(gathering, fine, coarse - exact, shared=True)
@@ -152,26 +152,26 @@ class Spectra:
         nodes = self.nodes_of_light(NODES if quick or refocused else FEW_NODES)
         gathering, shares = self._few_bands
         if not quick:
-            gathering = self._gathering(1, nodes)
+            gathering = self.gathering(1, nodes)
         other, same = (
-            self._otfs(each, gathering, nodes, as_asked=not quick) for each in (fidelity, reference)
+            self.otfs(each, gathering, nodes, as_asked=not quick) for each in (fidelity, reference)
         )
         change = other - same
         if not quick:
             return self._by_channel(gathering, nodes, change)
         weights, components = self._components
-        light = self._light("components", components, nodes)
+        light = self.light("components", components, nodes)
         of_each = (shares @ weights).transpose(1, 2)
         spectra = _mixed(of_each.flatten(0, 1), change).unflatten(1, (len(of_each), -1))
-        found = self._image(nodes, spectra, light)
+        found = self.image(nodes, spectra, light)
         reach = min(f.window_px or self.camera.recipe.psf.window_px for f in (fidelity, reference)) // 2
         return self.tiles.vector(found + self._of_mean(change, shares, nodes, reach))
 
     def energy(self) -> Tensor:
         """sum of psf^2 of each channel, mean over depths, [channel]: how far independent noise averages."""
         nodes = self.nodes_of_light(NODES)
-        gathering = self._gathering(3, nodes)
-        otfs = self._otfs(self.full, gathering, nodes)
+        gathering = self.gathering(3, nodes)
+        otfs = self.otfs(self.full, gathering, nodes)
         each = torch.fft.irfft2(otfs, s=(self.tiles.side, self.tiles.side)).square().sum((-2, -1))
         return each.double().mean(0)
 
@@ -191,14 +191,14 @@ class Spectra:
     def _fine(self) -> tuple[Tensor, Gathering, Tensor]:
         """The fine nodes, two wavelengths a channel, and OTFs of these."""
         nodes = self.nodes(self.fine_nodes, 2 * self.fine_nodes)
-        gathering = self._gathering(2, nodes)
-        return nodes, gathering, self._otfs(self.full, gathering, nodes, within=self._reach)
+        gathering = self.gathering(2, nodes)
+        return nodes, gathering, self.otfs(self.full, gathering, nodes, within=self._reach)
 
     @cached_property
     def _reach(self) -> int:
         """Side of the window that PSFs of many depths are computed in."""
         window = min(self.tiles.side, self.camera.recipe.psf.window_px)
-        return reach_of(self._otfs, self.full, self._few_bands[0], self.nodes_of_light(NODES), window)
+        return reach_of(self.otfs, self.full, self._few_bands[0], self.nodes_of_light(NODES), window)
 
     @cached_property
     def _few_bands(self) -> tuple[Gathering, Tensor]:
@@ -211,8 +211,11 @@ class Spectra:
             "cb,bw->cwb", self.response.double(), between
         )
 
-    def _gathering(self, wavelengths: int, nodes: Tensor) -> Gathering:
-        """One group a channel."""
+    def gathering(self, wavelengths: int, nodes: Tensor) -> Gathering:
+        """One group a channel, of this many wavelengths.
+
+        nodes: [node], 1/m.
+        """
         one = self.full.changed({"band_groups": 1, "group_wavelengths": wavelengths})
         return self._gathering_of(one, nodes)
 
@@ -220,7 +223,7 @@ class Spectra:
         axes = Axes(self.response, self.view.wavelengths, self.spectrum, self.ends, nodes)
         return gathering_of(self.camera, fidelity, axes)
 
-    def _light(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool = False) -> Tiled:
+    def light(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool = False) -> Tiled:
         """Spectra of light [k, n] of all fragments at nodes, see `at_nodes`, under the window."""
         return self._known.get(
             ("spectrum", name, shared, tuple(nodes.tolist())),
@@ -238,7 +241,7 @@ class Spectra:
         )
 
     @property
-    def _mean(self) -> Tensor:
+    def mean(self) -> Tensor:
         """Of the view's light, [band]."""
         rows, columns = self.view.padded_shape
         return self.spectrum / (rows * columns)
@@ -266,7 +269,7 @@ class Spectra:
         return self._without_mean(self.seen)
 
     def _without_mean(self, fragments: Fragments) -> Tensor:
-        mean = self._mean.to(self.view.radiance)[:, None]
+        mean = self.mean.to(self.view.radiance)[:, None]
         light = self.view.radiance.index_select(1, fragments.which)
         return torch.addmm(light, mean, self.view.coverage[fragments.which][None], alpha=-1)
 
@@ -281,7 +284,7 @@ class Spectra:
         between = torch.tensor(sorted(self.cuts), dtype=torch.float64)
         return passing(self._cover(nodes), otfs, nodes, between, len(self.tiles.shares))
 
-    def _image(self, nodes: Tensor, change: Tensor, light: Tiled) -> Tensor:
+    def image(self, nodes: Tensor, change: Tensor, light: Tiled) -> Tensor:
         """What spectra of light at nodes become in a photo by a change of OTFs, complex [node, channel, k, y,
         x], dimmed by what is in front: [tile, channel, y, x]."""
         size = (self.tiles.side, self.tiles.side)
@@ -317,7 +320,7 @@ class Spectra:
         return weights, self._mixed_light(axes.T * seen)
 
     @cached_property
-    def _channels(self) -> Tensor:
+    def channels(self) -> Tensor:
         """The light that each channel sees, [channel, n]."""
         return self._mixed_light(self.response)
 
@@ -325,9 +328,9 @@ class Spectra:
         self, gathering: Gathering, nodes: Tensor, change: Tensor, shared: bool = False
     ) -> Tensor:
         """change: of the OTFs of one group a channel, complex [node, channel, y, x]."""
-        light = self._light("channels", self._channels, nodes, shared)
+        light = self.light("channels", self.channels, nodes, shared)
         alike = replace(light, values=light.values[:, None])
-        found = self._image(nodes, change[:, :, None], alike)
+        found = self.image(nodes, change[:, :, None], alike)
         shares = gathering.response[:, :, None] * gathering.light
         return self.tiles.vector(found + self._of_mean(change, shares, nodes, self.view.margin))
 
@@ -345,7 +348,7 @@ class Spectra:
             ("depths", reach, tuple(nodes.tolist())), lambda: light_by_depth(self.view, nodes, reach)
         )
         glare = torch.einsum("cgb,bn,ng->c", shares, there, truncated)
-        level = shares @ self._mean
+        level = shares @ self.mean
         cover = self._cover(nodes, shared=True)
         if self.full.occlusion == "none":
             changed = _mixed(level, change) - glare.to(change)[:, None, None]

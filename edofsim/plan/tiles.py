@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -65,6 +67,17 @@ class Tiles:
         change: [tile, channel, y, x].
         """
         return (change * (self.scale * self.inside)[:, None]).transpose(0, 1).flatten(1)
+
+    def parts(self, longest: int) -> Iterator[tuple[int, slice, slice]]:
+        """Of what lies in the frame of each tile, parts of no more than this many pixels a side: tile, rows
+        and columns of it."""
+        for tile, corner in enumerate(self.corners):
+            sides = []
+            for begin, length in zip(corner, (self.height, self.width), strict=True):
+                low, high = max(0, -begin), min(self.side, length - begin)
+                ends = torch.linspace(low, high, 1 + math.ceil((high - low) / longest)).round().int().tolist()
+                sides.append([slice(*ends_of) for ends_of in pairwise(ends)])
+            yield from ((tile, rows, columns) for rows in sides[0] for columns in sides[1])
 
 
 def choose_tiles(view: View, ideal: Tensor, camera: Camera, side: int, seed: int = 0) -> Tiles:

@@ -16,13 +16,12 @@ import torch
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity, of_sub_apertures, pupil_is_free, simpler_camera
-from ..capture.field import CHANGE_STEP_PX
 from ..capture.layers import BLOCK_PIXELS
 from ..capture.light import CROP_BELOW
 from ..optics import Camera
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
-from ..optics.field import Frame
+from ..optics.field import Frame, places
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import natural_samples
 from ..optics.psf import INTERPOLATION_ERROR
@@ -97,7 +96,14 @@ def _psfs(samples: int, out: float, has_height: bool, pupils: int, between: floa
 
 
 def work_of(
-    shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, groups: int, colours: int, step: int = 0
+    shape: Shape,
+    camera: Camera,
+    fidelity: Fidelity,
+    layers: int,
+    groups: int,
+    colours: int,
+    step: int = 0,
+    parts_step: int = 0,
 ) -> Work:
     """The work of a photo.
 
@@ -105,6 +111,7 @@ def work_of(
     groups: images that are blurred for each of them.
     colours: wavelengths of PSFs.
     step: pixels between the places in the field that these are computed at, 0 for one place.
+    parts_step: likewise for sub-apertures.
     """
     window = fidelity.window_px or camera.recipe.psf.window_px
     layers = 1 if shape.ends[0] == shape.ends[1] else layers
@@ -129,14 +136,15 @@ def work_of(
     moved = 0.0 if shape.one_each else shape.fragments + fragments
     gathered = groups if fidelity.band_groups else 0
     mirrored = camera.lens.round and not has_height
-    places, wider = _over_field(shape, window, step)
-    psfs, blur = _times(waves, 1 + places / (MIRRORED if mirrored else 1.0)), _times(blur, wider)
+    joined, wider = _over_field(shape, window, step)
+    with_next = (joined**0.5 + 2) ** 2 if step else 0.0  # those next to the frame too
+    psfs, blur = _times(waves, 1 + with_next / (MIRRORED if mirrored else 1.0)), _times(blur, wider)
     if step and fidelity.field_terms:
         few = min(FEW, colours)
         own = _psfs(samples, (window * finest + 2) / 2, True, few, layers * few)
         terms, blur = _terms_of(shape, fidelity, window, layers, groups, step, mirrored, own)
         psfs = _added(waves, terms)
-    rarer, parts_wider = _over_field(shape, window, step and max(step, CHANGE_STEP_PX))
+    in_parts, parts_wider = (at + (parts_step > 0) for at in _over_field(shape, window, parts_step))
     block = min(groups, max(1.0, BLOCK_PIXELS // largest))
     return Work(
         {
@@ -144,7 +152,7 @@ def work_of(
             "psf": psfs,
             "blur": blur,
             "sub_apertures": _times(parts, parts_wider)
-            | {"products": parts.get("products", 0.0) * (1 + rarer)},
+            | {kind: parts.get(kind, 0.0) * in_parts for kind in ("calls", "products")},
             "sensor": {"elements": pixels},
         },
         4.0 * layers * (colours + gathered) * window**2
@@ -189,11 +197,11 @@ def _terms_of(
     whether those of others are the same."""
     middle = Frame(shape.height, shape.width, (shape.height / 2, shape.width / 2), 1.0)
     grid = Grid.around(middle, window // 2, step)
-    places = [(abs(y), abs(x)) for y in grid.down for x in grid.across]
-    alone = len({tuple(sorted(each)) for each in places} if mirrored else places)
+    steps = [(abs(y), abs(x)) for y in grid.down for x in grid.across]
+    alone = len({tuple(sorted(each)) for each in steps} if mirrored else steps)
     calls = {"calls": float(TRACED[0] + TRACED[1] * FEW)}
     sought = 0 if fidelity.field_step_px else SOUGHT_AT * (TRACED[0] + 3 * TRACED[1])
-    found = {"elements": FACTORS * len(places) * layers * groups * window**2, "calls": float(sought)}
+    found = {"elements": FACTORS * len(steps) * layers * groups * window**2, "calls": float(sought)}
     terms = _added(_times(_added(own, calls), 1 + alone), found)  # a corner is looked at before
     frame = _frame(shape, window)
     fragments = shape.fragments * frame / math.prod(shape.padded_shape)
@@ -204,14 +212,15 @@ def _terms_of(
     }
 
 
-def _over_field(shape: Shape, window: int, step: int) -> tuple[float, float]:
-    """How many places in the field PSFs are computed at but for the axis, those next to the frame too; and
-    how much more is blurred: the parts of the frame of all places, each with what its blur reaches."""
+def _over_field(shape: Shape, window: int, step: int) -> tuple[int, float]:
+    """How many places in the field a photo is joined from; and how much more is blurred: the parts of the
+    frame of all of them, each with what its blur reaches."""
     if not step:
-        return 0.0, 1.0
-    along = [(length / step + 1, min(2.0 * step, length)) for length in (shape.height, shape.width)]
-    parts = math.prod(count * (part + window) for count, part in along)
-    return math.prod(count + 2 for count, _ in along), max(1.0, parts / _frame(shape, window))
+        return 1, 1.0
+    frame = Frame(shape.height, shape.width, (shape.height / 2, shape.width / 2), 1.0)
+    sizes = [tuple(place.share.shape) for place in places(frame, step)]
+    parts = sum((rows + window) * (columns + window) for rows, columns in sizes)
+    return len(sizes), max(1.0, parts / _frame(shape, window))
 
 
 def _times(amounts: Amounts, factor: float) -> dict[str, float]:

@@ -131,8 +131,7 @@ FIELD = Effect(
     ],
     lambda facts: "aberrations, vignetting and illumination of the lens change with the place in the frame",
     lambda facts: "" if facts.camera.lens.varies else "the lens has the same PSF all over the frame",
-    # by the contrast of a picture of which nothing else is known, at the worst of three places
-    error=lambda facts, level: (facts.joined[level.change["field_step_px"]],) * len(facts.response),
+    error=lambda facts, level: facts.without_places(level.change["field_step_px"]),
     added="noise",
     stage="psf",
 )
