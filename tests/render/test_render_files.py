@@ -319,15 +319,12 @@ def test_prune_by_age_and_leftovers(mi, tmp_path):
     assert cache.ls(tmp_path) == [] and (tmp_path / "notes.txt").exists()
 
 
-def _render_in_another_process(folder):
-    render(recipe(), folder, cache=folder)
-
-
 @pytest.mark.parametrize("count", [3, pytest.param(8, marks=pytest.mark.slow)])
 def test_processes_that_want_one_view(tmp_path, count):
     """All succeed, one renders, one entry is there."""
     context = multiprocessing.get_context("spawn")
-    workers = [context.Process(target=_render_in_another_process, args=(tmp_path,)) for _ in range(count)]
+    work = {"target": render, "args": (recipe(), tmp_path), "kwargs": {"cache": tmp_path}}
+    workers = [context.Process(**work) for _ in range(count)]
     for worker in workers:
         worker.start()
     for worker in workers:
