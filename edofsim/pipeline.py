@@ -19,6 +19,7 @@ from .capture.field import frame_of
 from .capture.framing import framed, seen_through
 from .capture.noise import PhotoNoise, photo_noise
 from .capture.presets import PRESETS, preset
+from .core.memory import give_back_memory
 from .core.progress import Progress
 from .core.stopwatch import Stopwatch
 from .core.threads import in_threads
@@ -42,7 +43,7 @@ from .plan import (
     with_predicted,
 )
 from .recipe import CameraRecipe, Loaded, SceneRecipe
-from .record import give_back_memory, peak_memory_mib
+from .record import peak_memory_mib
 from .render import cached, render
 from .render.view import View
 from .restore import channel_psfs, choose_network, restore
@@ -297,6 +298,7 @@ def planned_view(
     with watch.stage("render", 0.1, 0.6) as tell:
         view = render(recipe, scene.base, cache=cache, device=device, progress=tell)
         seen, view = seen_through(camera, recipe, view)
+    give_back_memory()
     with watch.stage("plan", 0.6, 0.68) as tell:
         left = target
         if target is not None and target.kind == "time":

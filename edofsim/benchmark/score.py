@@ -17,6 +17,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from ..capture.noise import PhotoNoise
 from ..capture.sensor import record, sensor_effects
 from ..core.json_values import Json
+from ..core.memory import give_back_memory
 from ..core.progress import Progress
 from ..data.taken import NOISE, Exposed, expose
 from ..errors import InputError
@@ -24,7 +25,6 @@ from ..experiments.kept import Kept, key_of
 from ..experiments.restorations import Known, known_of
 from ..experiments.systems import camera_digest
 from ..optics import Camera
-from ..record import give_back_memory
 from ..restore.scores import depth_ranges, flip_map, score_parts
 from ..restore.truth import Truth
 from .definition import Benchmark, Shot

@@ -3,6 +3,7 @@ by the PSFs of each place, joined on the sensor."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from ..core.progress import Progress
 from ..core.store import user_folder
 from ..errors import InputError
 from ..optics import Camera
+from ..optics.contrast import CONTRAST_DB
 from ..optics.field import Frame, Place, errors_by_step, joined, relative_light, step_for
 from ..optics.psf import carries_gradients
 from ..optics.terms import HALF, terms_of
@@ -60,28 +62,31 @@ def change_over_field(
     frame: Frame | None,
     step: int | None,
     axes: Axes,
-    photo: Tensor,
+    exposure: float,
     changed: Callable[[Camera, Part], Tensor],
 ) -> Tensor:
-    """What `changed` says that a way to simulate changes in a photo [..., y, x], as `image_over_field`.
+    """What `changed` says that a way to simulate changes in an unexposed photo, as `image_over_field`.
 
     Where the change is so little that the axis's, in the light of each place, errs by no more than half of
     `layers_db`, that is taken; else that of as few places as may be, `CHANGE_STEP_PX` apart at least.
+    exposure: factor from radiance to full scale.
     """
     change = changed(camera, lambda light, reach: light)
     if frame is None or step is None:
         return change
     least = max(step, CHANGE_STEP_PX)
-    contrast = float(photo.detach().std()) / max(1e-30, float(change.detach().square().mean().sqrt()))
-    allowed = HALF * 10 ** (-fidelity.layers_db / 20) * contrast
+    size = exposure * float(change.detach().square().mean().sqrt())
+    # as large a part of the change errs as of a picture's contrast
+    allowed = HALF * 10 ** ((-fidelity.layers_db - CONTRAST_DB) / 20) / max(size, 1e-30)
 
     def light(at: Place) -> Tensor:
         return torch.full_like(at.share, relative_light(camera.seen_at(at.field)))
 
-    for apart, error in errors_by_step(camera, frame, axes.wavelengths, axes.ends):
-        if error < allowed and apart == 0:
+    for apart, error in errors_by_step(camera, frame, axes.wavelengths, axes.ends, lit=True):
+        # in proportion to the distance from the axis: over a frame, a third of the corner's mean square
+        if apart == 0 and error < allowed * math.sqrt(3):
             return change * joined(frame, least, light)
-        if error < allowed or 0 < apart <= least:
+        if apart and (error < allowed or apart <= least):
             least = apart
             break
     return image_over_field(camera, frame, least, changed)

@@ -100,7 +100,9 @@ def capture(
     axes = axes_of(given, camera, fidelity, weights, nodes, spectrum)
     watch.lap("prepare", 0.05)
     how = {"dtype": dtype, "device": device}
-    photo, truncated, imaging, step = _imaged(given, camera, fidelity, axes, layout, watch, cache, **how)
+    photo, truncated, imaging, step = _imaged(
+        given, camera, fidelity, axes, layout, factor, watch, cache, **how
+    )
     clean = photo * factor
     effects = sensor_effects(camera, fidelity)
     image = torch.stack([record(each, effects, seed + k) for k, each in enumerate(clean)])
@@ -124,6 +126,7 @@ def _imaged(
     fidelity: Fidelity,
     axes: Axes,
     layout: Layout | None,
+    exposure: float,
     watch: Stopwatch,
     cache: Path | None,
     dtype: torch.dtype,
@@ -169,7 +172,7 @@ def _imaged(
     photo = image_over_field(camera, frame, None if by_terms else step, blurred).to(views[0].radiance)
     watch.lap("blur", 0.5 if _in_parts(fidelity) else 0.9)
     if _in_parts(fidelity):
-        photo = photo + change_over_field(camera, fidelity, frame, step, axes, photo, changed).to(photo)
+        photo = photo + change_over_field(camera, fidelity, frame, step, axes, exposure, changed).to(photo)
         watch.lap("sub_apertures", 0.9)
     return photo, torch.stack([fraction for _, fraction in glare]), imaging, step
 
@@ -205,7 +208,8 @@ def clean_photo(
     _checked([view], camera, fidelity)
     given, axes = _composited(view.to("cpu", torch.float32), camera, fidelity)
     how = {"dtype": torch.float32, "device": "cpu"}
-    return _imaged([given], camera, fidelity, axes, layout, Stopwatch(), None, **how)[0][0] * exposure
+    found = _imaged([given], camera, fidelity, axes, layout, exposure, Stopwatch(), None, **how)
+    return found[0][0] * exposure
 
 
 @own_precision

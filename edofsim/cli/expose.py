@@ -23,7 +23,7 @@ from ..options import (
     Spreading,
     Work,
 )
-from ..record import give_back_memory, peak_memory_mib, writable_folder
+from ..record import peak_memory_mib, writable_folder
 from .many import OfScene, all_of, of_each, seen_by, spread_of
 from .shared import Done, begun, check_alone, finish, inputs_of, plan_lines, plan_rows, recipes_of
 
@@ -193,6 +193,7 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
     from ..capture import capture, save_image, write_photo
     from ..capture.device import torch_device
     from ..capture.fidelity_file import values_of
+    from ..core.memory import give_back_memory
     from ..core.stopwatch import Stopwatch
     from ..optics import Camera
     from ..pipeline import planned_view

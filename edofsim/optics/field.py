@@ -193,7 +193,7 @@ def step_for(camera: Camera, frame: Frame, wavelengths: Tensor, ends: tuple[floa
 
 
 def errors_by_step(
-    camera: Camera, frame: Frame, wavelengths: Tensor, ends: tuple[float, float]
+    camera: Camera, frame: Frame, wavelengths: Tensor, ends: tuple[float, float], *, lit: bool = False
 ) -> Iterator[tuple[int, float]]:
     """For 0, which is the PSF of the axis everywhere, and then each of `STEPS`: by how much photos err, root
     mean square at full scale 1, where PSFs of places so far apart are joined.
@@ -207,6 +207,7 @@ def errors_by_step(
         `BLUR_PX`, or what is nearest to them between the ends. Nothing of a picture decides.
     camera: one whose lens `varies`.
     frame: rows and columns of the photo.
+    lit: all have the light of their place in any case, and only PSFs err.
 
     Raises InputError for a mask that bends rays too much.
     """
@@ -224,7 +225,7 @@ def errors_by_step(
         """Transfer functions, and the light, at a place in pixels from the axis."""
         if (down, right) not in known:
             here = camera.seen_at((right * frame.pixel_angle, -down * frame.pixel_angle))
-            light = relative_light(here)
+            light = 1.0 if lit else relative_light(here)
             known[down, right] = contrast_transfer(psf_bank(here, colours, depths).values) * light, light
         return known[down, right]
 

@@ -18,6 +18,7 @@ import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
+from ..core.memory import give_back_memory
 from ..core.progress import Progress, silent
 from ..core.store import Store
 from ..errors import InputError
@@ -215,6 +216,8 @@ def terms_of(
     asked = _Asked(camera, frame, grid, wavelengths, nodes, shares, window_px, dtype)
     terms = _found(asked, 10 ** ((CONTRAST_DB - db) / 20), progress)
     KEPT.keep(key, terms, cache)
+    bank_cache.BANKS.forget()  # what they were found of is not asked for again
+    give_back_memory()
     return terms
 
 
