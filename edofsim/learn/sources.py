@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +104,7 @@ def usable_pictures(
     return tuple(path.name for path in paths), images, problems
 
 
+@lru_cache(4)
 def packaged_images(smallest: int) -> Images:
     """The photographs that come inside scikit-image's package: nothing is downloaded.
 

@@ -182,7 +182,7 @@ def test_the_plan_of_a_picture_names_what_it_lacks(cache: Path):
 def looks(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """How often a plan looks at the light of a view: at its spectra, at coarse photos."""
     found: list[str] = []
-    for place, name in ((Spectra, "_light"), (Coarse, "photo")):
+    for place, name in ((Spectra, "light"), (Coarse, "photo")):
         whole = getattr(place, name)
 
         def looked(self, *args, whole=whole, name=name, **how):
