@@ -10,7 +10,9 @@ import io
 import logging
 import math
 import re
+import struct
 import warnings
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -23,7 +25,6 @@ from PIL import Image, ImageCms, ImageOps
 
 from ..errors import InputError, first_line
 from .limits import check_numbers, check_pixels, existing
-from .png16 import read_16_bits
 
 if TYPE_CHECKING:
     from tifffile import TiffPage
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM", "TGA", "JPEG2000")
 """What is opened, by Pillow's names; others run programs of their own, as EPS does."""
 TIFF_BEGINS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+PNG_BEGINS = b"\x89PNG\r\n\x1a\n"
+PNG_CHANNELS = {2: 3, 4: 2, 6: 4}
+"""Of the colour types that Pillow shortens: RGB, grey with opacity, RGB with opacity."""
 ORIENTATION, GDAL_NODATA = 274, 42113
 SRGB_GAMMA = 0.45455
 PHOTOMETRIC_WHITE_IS_ZERO, PHOTOMETRIC_PLAIN = 0, (0, 1, 2)
@@ -275,3 +279,53 @@ def _without(values: np.ndarray, nodata: str, said: list[str]) -> np.ndarray:
         return values
     said.append(f"{number:g} is a hole (GDAL_NODATA)")
     return np.where(missing, np.nan, values.astype(float))
+
+
+def read_16_bits(path: Path) -> np.ndarray | None:
+    """A PNG file of 16 bits, uint16 [y, x, channel]; None for other files, and for interlaced ones.
+
+    Raises ValueError for a damaged file.
+    """
+    data = path.read_bytes()
+    if data[:8] != PNG_BEGINS or len(data) < 33:
+        return None
+    columns, rows, bits, kind, _, _, interlaced = struct.unpack(">IIBBBBB", data[16:29])
+    if bits != 16 or kind not in PNG_CHANNELS or interlaced:
+        return None
+    channels = PNG_CHANNELS[kind]
+    row = 1 + 2 * channels * columns
+    unpacked = zlib.decompressobj().decompress(_pixels(data), rows * row)
+    if len(unpacked) < rows * row:
+        raise ValueError("it is cut short")
+    filtered = np.frombuffer(unpacked, np.uint8).reshape(rows, row)
+    # a row's filter (PNG 3, clause 9) relates bytes of the same place in a pixel alone: each place is a grey
+    # picture of 8 bits
+    planes = [_grey(filtered[:, :1], filtered[:, 1 + k :: 2 * channels]) for k in range(2 * channels)]
+    found = [planes[2 * k].astype(np.uint16) << 8 | planes[2 * k + 1] for k in range(channels)]
+    return np.stack(found, axis=-1)
+
+
+def _pixels(data: bytes) -> bytes:
+    """What the IDAT chunks hold."""
+    found: list[bytes] = []
+    at = 8
+    while at + 12 <= len(data):
+        length = int.from_bytes(data[at : at + 4], "big")
+        if data[at + 4 : at + 8] == b"IDAT":
+            found.append(data[at + 8 : at + 8 + length])
+        at += 12 + length
+    return b"".join(found)
+
+
+def _grey(filters: np.ndarray, plane: np.ndarray) -> np.ndarray:
+    """Rows of filtered bytes [y, x], with their filters [y, 1], as bytes without them."""
+    rows, columns = plane.shape
+    head = struct.pack(">IIBBBBB", columns, rows, 8, 0, 0, 0, 0)
+    body = zlib.compress(np.concatenate([filters, plane], axis=1).tobytes(), 0)
+    chunks = [(b"IHDR", head), (b"IDAT", body), (b"IEND", b"")]
+    file = PNG_BEGINS + b"".join(
+        struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+        for name, content in chunks
+    )
+    with Image.open(io.BytesIO(file), formats=("PNG",)) as image:
+        return np.asarray(image)

@@ -90,8 +90,8 @@ SOURCES: Registry[type[KindModel]] = Registry(
     "edofsim.readers",
     "source",
     {
-        "rgbd": "edofsim.render.readers.rgbd:RgbdSource",
-        "cube": "edofsim.render.readers.cube:CubeSource",
+        "rgbd": "edofsim.render.readers.files:RgbdSource",
+        "cube": "edofsim.render.readers.files:CubeSource",
         "mitsuba": "edofsim.scene.foreign:MitsubaSource",
     },
     "edofsim.recipe.sources:Source",
