@@ -206,13 +206,20 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
     compute, optics = torch_device(asked.device), Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
     watch = Stopwatch(progress)
     how = {"overrule": asked.overrule, "fidelity": asked.wanted, "cache": asked.cache, "device": asked.device}
-    view, plan = planned_view(scene, optics, watch, resample=asked.resample, target=asked.target, **how)[:2]
-    give_back_memory()  # of facts that the plan was made by
+    view, plan, facts = planned_view(
+        scene, optics, watch, resample=asked.resample, target=asked.target, **how
+    )
     fidelity = _fidelity(plan.fidelity.of_photo(), view, asked)
+    # what the plan guessed behind edges is not guessed again
+    seen_by_plan = fidelity.occlusion == "hidden" and fidelity.hidden_surfaces
+    composited = facts.view if seen_by_plan else view
+    del facts
+    give_back_memory()
     if asked.where is not None:
         check_crop(view, asked.where)
     with watch.stage("expose", 0.7, 0.8):
-        photo = capture(view, optics, fidelity, seed=asked.seed, device=compute)
+        photo = capture(composited, optics, fidelity, seed=asked.seed, device=compute)
+    del composited
     photo = replace(photo, colours=None) if asked.raw_colours else photo
     if asked.bands is None:
         photo = with_predicted(photo, plan)

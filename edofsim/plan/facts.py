@@ -27,6 +27,7 @@ from ..optics.terms import HALF
 from ..recipe import SceneRecipe
 from ..render.view import View
 from .coarse import Coarse, coarse_of
+from .effect import overall
 from .places import without_field
 from .shape import Shape, shape_of
 from .spectra import Spectra, spectra_of
@@ -99,10 +100,17 @@ class Facts:
 
     @cached_property
     def joined(self) -> Mapping[int, float]:
-        """By `field_step_px`, what photos err by at most; steps of half by a quarter, once that is little."""
+        """By `field_step_px`, what photos err by at most; steps of half by a quarter, once that is little;
+        and all of them where the axis alone will do."""
         view, enough = self.view, min(self.allowed, 10 ** (-FIELD_DB / 20))
+        frame = frame_of([view])
+        bounds = errors_by_step(self.camera, frame, view.wavelengths, self.ends)
+        if overall(self._without_field) < self.allowed < math.inf:
+            most = next(bounds)[1]
+            way = math.hypot(view.height, view.width) / 2
+            return {0: most} | {step: most * min(1.0, step / way) ** 2 for step in STEPS}
         found = dict.fromkeys((0, *STEPS), 0.0)
-        for step, error in errors_by_step(self.camera, frame_of([view]), view.wavelengths, self.ends):
+        for step, error in bounds:
             found[step] = error
             if error < enough:
                 break

@@ -178,23 +178,6 @@ def hat(fine: Tensor, nodes: Tensor, snapped: bool = False) -> Tensor:
     return found
 
 
-def cubic(depth: Tensor, nodes: Tensor) -> Tensor:
-    """How what changes smoothly with depth follows at each of some depths from evenly spaced nodes, four or
-    more: [depth, node], by the cubic through the four around it (Lagrange).
-
-    depth: [depth], 1/m.
-    nodes: [node], 1/m, evenly spaced.
-    """
-    place = (depth - nodes[0]) / (nodes[1] - nodes[0])
-    first = (place.floor().long() - 1).clamp(0, nodes.numel() - 4)
-    found = torch.zeros(depth.numel(), nodes.numel(), dtype=torch.float64)
-    for one in range(4):
-        others = [other for other in range(4) if other != one]
-        factors = [(place - first - other) / (one - other) for other in others]
-        found[torch.arange(depth.numel()), first + one] = torch.stack(factors).prod(0)
-    return found
-
-
 def _cells(depth: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
     """The node below each depth, as its number, and the share of the next."""
     cell = (torch.searchsorted(nodes, depth, right=True) - 1).clamp(0, nodes.numel() - 2)

@@ -80,9 +80,13 @@ def reach_of(make: MakeOtfs, fidelity: Fidelity, gathering: Gathering, nodes: Te
 
     nodes: [node], 1/m.
     """
+    otfs = make(fidelity.changed({"window_px": window}), gathering, nodes)
+    size = otfs.shape[-2]
+    psfs = torch.fft.irfft2(otfs, s=(size, size)).roll((window // 2, window // 2), (-2, -1))
 
     def held(side: int) -> Tensor:
-        return make(fidelity.changed({"window_px": side}), gathering, nodes)[..., 0, 0].real
+        some = slice(window // 2 - side // 2, window // 2 + side // 2)
+        return psfs[..., some, some].sum((-2, -1))
 
     enough = ENCIRCLED_SHARE * held(window)
     some = (2 * round(window * share / 2) for share in WINDOWS)

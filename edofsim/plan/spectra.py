@@ -25,8 +25,9 @@ from ..capture.prepare import depth_nodes
 from ..core.once import Once
 from ..optics import Camera
 from ..optics.camera import defocus_per_dioptre
+from ..optics.terms import cubic
 from ..render.view import View
-from .fragments import Fragments, Tiled, at_nodes, cubic, hat, in_tiles, light_by_depth, together
+from .fragments import Fragments, Tiled, at_nodes, hat, in_tiles, light_by_depth, together
 from .otfs import MakeOtfs, otfs_of, reach_of
 from .passing import Passing, passing
 from .tiles import Tiles, choose_tiles
@@ -84,8 +85,7 @@ class Spectra:
     _known: Once = field(default_factory=Once, repr=False, compare=False)
 
     def nodes(self, count: int, distinct: int | None = None) -> Tensor:
-        """`count` inverse depths evenly from the farthest to the nearest, or the view's own where these are
-        no more than `distinct`."""
+        """`count` inverse depths evenly from far to near, or the view's own, no more than `distinct`."""
         if self.depths is not None and self.depths.numel() <= (count if distinct is None else distinct):
             return self.depths
         low, high = self.ends
@@ -138,7 +138,8 @@ class Spectra:
             if fine is self.depths:  # which lie anywhere
                 coarse = _mixed(between, self.otfs(self.full, gathering, nodes, within=self._reach)[None])[0]
             else:
-                coarse = _mixed(between @ cubic(nodes, fine), exact[None])[0]
+                through = cubic((nodes - fine[0]) / (fine[1] - fine[0]), len(fine))
+                coarse = _mixed(between @ through, exact[None])[0]
             return self._by_channel(gathering, fine, coarse - exact, shared=True)
 
         return self._known.get(("layers", layers), changed)
@@ -212,10 +213,7 @@ class Spectra:
         )
 
     def gathering(self, wavelengths: int, nodes: Tensor) -> Gathering:
-        """One group a channel, of this many wavelengths.
-
-        nodes: [node], 1/m.
-        """
+        """One group a channel, of this many wavelengths. nodes: [node], 1/m."""
         one = self.full.changed({"band_groups": 1, "group_wavelengths": wavelengths})
         return self._gathering_of(one, nodes)
 

@@ -249,6 +249,9 @@ def test_a_guess_is_the_same_each_time_and_only_where_nothing_is_known(clear: Ca
     seen, whole = layered(clear)
     one, other = with_guessed(seen, clear), with_guessed(seen, clear)
     assert torch.equal(one.radiance, other.radiance) and torch.equal(one.pixel, other.pixel)
+    few = Fidelity(layers=3, band_groups=1, group_wavelengths=1)
+    photo, known = capture(seen, clear, few), capture(one, clear, few)
+    assert torch.equal(photo.image, known.image) and photo.how == known.how
     assert with_guessed(whole, clear) is whole
     looked = replace(seen, metadata={"hidden": "none: no depth edge"})
     assert with_guessed(looked, clear) is looked

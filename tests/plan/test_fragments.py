@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from edofsim.plan.fragments import Fragments, Tiled, at_nodes, cubic
+from edofsim.plan.fragments import Fragments, Tiled, at_nodes
 from edofsim.plan.passing import passing
 from edofsim.plan.tiles import Tiles
 
@@ -81,15 +81,3 @@ def test_what_covers_a_tile_dims_what_lies_behind_it_there():
     wanted[1, 2] = 1 - 0.125 * 0.75
     wanted[0, 2] = wanted[1, 2] - (0.75 * 0.5 + 1.0 * 0.25)
     torch.testing.assert_close(found, wanted[:, :, None, None].expand(-1, -1, SIDE, SIDE))
-
-
-def test_a_cubic_is_known_at_all_depths_from_even_nodes():
-    """At the ends and at nodes too."""
-    nodes = torch.linspace(0.2, 2.6, 7, dtype=torch.float64)
-    depths = torch.tensor([0.2, 0.3, 0.6, 1.37, 2.2, 2.55, 2.6], dtype=torch.float64)
-
-    def curve(x: torch.Tensor) -> torch.Tensor:
-        return 1 - 2 * x + 0.5 * x**2 + 0.7 * x**3
-
-    torch.testing.assert_close(cubic(depths, nodes) @ curve(nodes), curve(depths))
-    torch.testing.assert_close(cubic(nodes, nodes), torch.eye(7, dtype=torch.float64))
