@@ -128,16 +128,14 @@ def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
         y, which is most of the work.
     wave: from the pupil to the window.
     """
-    rows = [(fold(wave.pupil * window[:, None]), _lit(window)) for window in along]
+    alike = None if wave.bend is not None else _rows(wave.pupil, along)  # at all depths
     size = 2 * len(wave.bases.pixels) - 1
     energy = along.new_empty(len(parts), len(wave.chirps), size, size)
     at_once = max(1, depths_at_once(wave.bases) // len(along))
     for start in range(0, len(wave.chirps), at_once):
         some = wave.part(slice(start, start + at_once))
         block = some.chirps
-        if some.bend is not None:
-            pupil = some.at_depths()
-            rows = [(fold(pupil * window[:, None]), _lit(window)) for window in along]
+        rows = _rows(some.at_depths(), along) if alike is None else alike
         half = [down(row, block, wave.bases.fourier, lit) for row, lit in rows]
         whole = pairs(*across(_summed(half), wave.bases.fourier))
         for out, part in zip(energy, parts, strict=True):
@@ -149,6 +147,21 @@ def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
             own = across(_summed(mine), wave.bases.fourier[..., lit])
             out[start : start + at_once] = shared_intensity(whole, own, wave.bases)
     return energy
+
+
+def _rows(pupil: Tensor, along: Tensor) -> list[tuple[Tensor, slice]]:
+    """`fold` of a pupil [s, s] or [depth, s, s] under each window [window, s] along y, and where it is lit:
+    of no more than that where the pupil has no middle row."""
+    found = []
+    for window in along:
+        lit, half = _lit(window), len(window) // 2
+        if len(window) % 2:
+            found.append((fold(pupil * window[:, None]), lit))
+            continue
+        there = [slice(half - lit.stop, half - lit.start), slice(half + lit.start, half + lit.stop)]
+        parts = [pupil[..., part, :] * window[part, None] for part in there]
+        found.append((fold(torch.cat(parts, -2)), lit))
+    return found
 
 
 def _summed(pairs: Sequence[Fields]) -> Fields:

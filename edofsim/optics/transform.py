@@ -111,17 +111,16 @@ def _half_axis(count: int) -> Tensor:
 def fold(pupil: Tensor) -> Tensor:
     """Even and odd parts of a complex pupil [s, s], or of one for each depth [depth, s, s], about both axes.
 
-    pupil: [s, s] or [depth, s, s], complex.
+    pupil: [s, s] or [depth, s, s], complex; or some of its rows, and their mirror images.
 
     Real, [2 (parity in x), 2 (re, im), 2 (parity in y), y, depth, x], half of the pupil each way; one depth
     stands for all.
     """
     pupil = pupil if pupil.ndim == 3 else pupil[None]
-    half = pupil.shape[-1] // 2
-    kept = pupil.shape[-1] - half
-    right, left = pupil[..., half:], pupil[..., :kept].flip(2)
+    rows, half = (side // 2 for side in pupil.shape[-2:])
+    right, left = pupil[..., half:], pupil[..., : pupil.shape[-1] - half].flip(2)
     columns = torch.stack([right + left, right - left])
-    lower, upper = columns[:, :, half:], columns[:, :, :kept].flip(2)
+    lower, upper = columns[:, :, rows:], columns[:, :, : pupil.shape[-2] - rows].flip(2)
     parts = torch.view_as_real(torch.stack([lower + upper, lower - upper], 1))
     return parts.permute(0, 5, 1, 3, 2, 4).contiguous()
 
@@ -169,11 +168,12 @@ def down(parts: Tensor, chirps: Tensor, bases: Tensor, lit: slice = slice(None))
     parts: as in `waves`, [2, 2, 2, y, depth, x].
     chirps: [depth, half], complex.
     bases: `Bases.fourier`, [pixel sample, half].
-    lit: along half of the y axis, beyond which there is no light. The axis that is transformed first is the
-        outer one, so that one product serves all depths.
+    lit: along half of the y axis, beyond which there is no light, and may be no parts. The axis that is
+        transformed first is the outer one, so that one product serves all depths.
     """
     real, imaginary = defocus_maps(chirps, lit)
-    bases, parts = bases[..., lit], parts[..., lit, :, :]
+    bases = bases[..., lit]
+    parts = parts if parts.shape[-3] == bases.shape[-1] else parts[..., lit, :, :]
     rows, high = bases.shape[1:]
     depths, half = chirps.shape
     spread = torch.empty(2, 2, high, depths, half, dtype=real.dtype, device=real.device)
