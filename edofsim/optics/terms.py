@@ -24,7 +24,7 @@ from ..core.store import Store
 from ..errors import InputError
 from . import cache as bank_cache
 from .camera import Camera
-from .contrast import CONTRAST_DB
+from .contrast import CONTRAST_DB, Contrast
 from .field import MEAN, Frame, relative_light
 from .psf import psf_bank
 
@@ -107,44 +107,11 @@ def cubic(at: Tensor, count: int) -> Tensor:
     return at.new_zeros(len(at), count).scatter_(1, nodes, weights)
 
 
-class _Contrast:
-    """PSFs as what they do to a picture whose power falls with the square of the frequency."""
-
-    def __init__(self, size: int, dtype: torch.dtype) -> None:
-        fy, fx = (torch.fft.fftfreq(size)[:, None], torch.fft.rfftfreq(size)[None, :])
-        power = 1 / (fy.square() + fx.square())
-        power[0, 0] = 0
-        self._both = torch.full_like(power, 2.0)  # a frequency and its opposite
-        self._both[:, 0] = 1
-        if size % 2 == 0:
-            self._both[:, -1] = 1
-        power = power / (power * self._both).sum()
-        power[0, 0] = MEAN**2
-        self._both, self._weight = self._both.to(dtype), (power * self._both).sqrt().to(dtype)
-        self._size = size
-
-    def seen(self, psfs: Tensor) -> Tensor:
-        """[n, number] of PSFs [n, y, x]."""
-        return torch.view_as_real(torch.fft.rfft2(psfs).mul_(self._weight)).flatten(1)
-
-    def kernels(self, seen: Tensor) -> Tensor:
-        """[n, y, x]: what `seen` came from."""
-        return self._back(seen, 1 / self._weight)
-
-    def duals(self, seen: Tensor) -> Tensor:
-        """[n, y, x], whose products with a PSF are those of `seen` with what is seen of it."""
-        return self._back(seen, self._weight / self._both) * self._size**2
-
-    def _back(self, seen: Tensor, weight: Tensor) -> Tensor:
-        parts = torch.view_as_complex(seen.reshape(len(seen), self._size, -1, 2).contiguous())
-        return torch.fft.irfft2(parts * weight, s=(self._size, self._size))
-
-
 class _Kernels:
     """Kernels that grow in number until they make up all PSFs that are shown to them."""
 
     def __init__(self, size: int, allowed: float, dtype: torch.dtype) -> None:
-        self._contrast, self._allowed = _Contrast(size, dtype), allowed
+        self._contrast, self._allowed = Contrast(size, dtype, MEAN), allowed
         self.kernels = torch.zeros(0, size, size, dtype=dtype)
         self._duals = self.kernels
         self._basis = torch.zeros(0, 2 * size * (size // 2 + 1), dtype=torch.float64)
