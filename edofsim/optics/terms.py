@@ -266,8 +266,8 @@ def _found(asked: _Asked, allowed: float, progress: Progress) -> Terms:
 
 
 def _in_parts(kernels: _Kernels, psfs: Tensor) -> Tensor:
-    """Factors [node, group, term] of PSFs [node, group, y, x], of which a part is worked on at a time, every
-    so many nodes."""
+    """Factors [node, group, term] of PSFs [node, group, y, x], of which a part is worked on at a time: nodes
+    at equal steps."""
     count = min(len(psfs), math.ceil(psfs.nbytes / PART_BYTES))
     parts = [kernels.factors(psfs[start::count]) for start in range(count)]
     factors = psfs.new_empty(*psfs.shape[:2], len(kernels.kernels))
