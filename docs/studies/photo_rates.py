@@ -1,13 +1,17 @@
 """How fast a machine does each kind of work of a photo, in seconds of the processor on one thread.
 
-`python -m docs.studies.photo_rates` prints what `edofsim.plan.rates.SHIPPED` holds; it takes about a minute.
+`python -m docs.studies.photo_rates` photographs made-up views and prints what `edofsim.plan.rates.SHIPPED`
+holds; it takes about a minute. `python -m docs.studies.photo_rates FOLDER` photographs members of families,
+as `edofsim evaluate predictions` does, and prints what `TODAY` holds. The folder keeps what was measured.
 """
 
 from __future__ import annotations
 
 import json
+import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -18,15 +22,20 @@ from edofsim.capture.occlusion.slabs import cuts, hides
 from edofsim.capture.photograph import capture, depths_of
 from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.core.threads import one_thread
+from edofsim.experiments import predictions
 from edofsim.optics import Camera
 from edofsim.optics import cache as psf_memory
 from edofsim.optics.masks.cubic import CubicMask
+from edofsim.plan import planner_of
 from edofsim.plan.rates import PACE, Rates, paces
 from edofsim.plan.shape import shape_of
 from edofsim.plan.work import KINDS, STAGES, work_of
 from edofsim.recipe import CameraRecipe
+from edofsim.recipe.load import load_scene
 from edofsim.record import machine
+from edofsim.render import render
 from edofsim.render.view import View
+from edofsim.scene.family import in_place_of
 
 RUNS = (
     Fidelity(band_groups=1, group_wavelengths=1, layers=1, occlusion="none"),
@@ -74,8 +83,12 @@ FLAT_RUNS = (
     Fidelity(band_groups=3, group_wavelengths=0, layers=1, occlusion="none", window_px=32),
     Fidelity(band_groups=0, layers=1, occlusion="none"),
 )
+FAMILIES, SEED = ("alley", "shelf", "thicket"), 902
+"""Members for validation, and what draws them."""
 MAP_SAMPLES = 240
 """Across a height map in the mask's place."""
+LEAST_S = 0.002
+"""Stages of members that take less say little."""
 SIZES = ((96, 96), (288, 256))
 """Rows and columns of the views with depths; the larger one is composited in tiles where PSFs are small."""
 
@@ -139,12 +152,43 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
                     times[stage].append(found[stage] / sum(moments[-1].values()))
     psf_memory.forget()
     usual = {kind: min(each[kind] for each in moments) for kind in KINDS}
-    solved = {stage: _solved(np.array(rows[stage]), np.array(times[stage])) for stage in STAGES}
+    return _rates(rows, times, usual)
+
+
+def of_members(folder: Path) -> Rates:
+    """Photos of `FAMILIES` by all masks at all targets, with everything in full and without each effect.
+
+    folder: keeps what was measured, and is gone on from.
+    """
+    rows: dict[str, list[tuple[float, ...]]] = {stage: [] for stage in STAGES}
+    times: dict[str, list[float]] = {stage: [] for stage in STAGES}
+    scenes = in_place_of([load_scene(f"scenes/families/{name}.toml") for name in FAMILIES], 1, SEED)
+    with one_thread():
+        usual = paces()
+    for outcome in predictions.measure(folder, print, scenes, quick=True):
+        scene = next(each for each in scenes if each.recipe.name == outcome.scene)
+        view = render(predictions.small_version(scene.recipe), scene.base)
+        costs = planner_of(view, predictions.camera_of(outcome.mask)).costs
+        for row in outcome.rows:
+            for stage, amounts in costs.work(row.case.fidelity).amounts.items():
+                if row.stages.get(stage, 0.0) >= LEAST_S:
+                    rows[stage].append(tuple(amounts.get(kind, 0.0) for kind in KINDS))
+                    times[stage].append(row.stages[stage] / row.pace)
+    return _rates(rows, times, usual)
+
+
+def _rates(
+    rows: Mapping[str, Sequence[tuple[float, ...]]],
+    times: Mapping[str, Sequence[float]],
+    usual: Mapping[str, float],
+) -> Rates:
+    """rows: amounts of each stage by `KINDS`; times: seconds of these over the pace; usual: the pace."""
+    solved = {
+        stage: _solved(np.array(rows[stage]), np.array(times[stage])) for stage in STAGES if times[stage]
+    }
     found = {
-        stage: {
-            kind: sum(usual.values()) * each for kind, each in zip(KINDS, solved[stage], strict=True) if each
-        }
-        for stage in STAGES
+        stage: {kind: sum(usual.values()) * each for kind, each in zip(KINDS, each_kind, strict=True) if each}
+        for stage, each_kind in solved.items()
     }
     return {**found, PACE: usual}
 
@@ -189,4 +233,4 @@ def _made_up(height: int, width: int, camera: Camera, flat: bool = False) -> Vie
 
 if __name__ == "__main__":
     print(f"# {machine()['processor']}, torch {torch.__version__}")
-    print(json.dumps(measure(), indent=1))
+    print(json.dumps(of_members(Path(sys.argv[1])) if sys.argv[1:] else measure(), indent=1))

@@ -164,9 +164,11 @@ def measure(
         restore = restoring(camera, view.wavelengths, view.inverse_depth, network)
         judge = Judge({RESTORED: restore})
         with one_thread():
-            cases = cost.cases_of(planner_of(view, camera), TARGETS_DB)
+            planner = planner_of(view, camera)
+            cases = cost.cases_of(planner, TARGETS_DB)
             how = {"clock": time.process_time, "pace": rates.pace, "judge": judge}
-            rows = cost.measure(view, camera, cases, place, repeats=1, **how)
+            # what is behind edges is guessed once, for the plan
+            rows = cost.measure(planner.facts.view, camera, cases, place, repeats=1, **how)
             usual = sum(rates.rates()[rates.PACE].values())
         paced = (replace(row, seconds=row.seconds * usual / row.pace) for row in rows)
         rendering = _rendering(recipe, scene.base, view, camera, place, cache)

@@ -59,11 +59,11 @@ class Costs:
 
     def reference(self, fidelity: Fidelity) -> float:
         """Counted work at the reference costs, in seconds of the machine that they were measured on."""
-        return self.rendering.reference(fidelity) + sum(_weighed(self._work(fidelity), SHIPPED).values())
+        return self.rendering.reference(fidelity) + sum(_weighed(self.work(fidelity), SHIPPED).values())
 
     def seconds_of(self, fidelity: Fidelity) -> Mapping[str, float]:
         """Predicted seconds of each stage, on this machine."""
-        return {"render": self.rendering.seconds(fidelity), **_weighed(self._work(fidelity), self.rates)}
+        return {"render": self.rendering.seconds(fidelity), **_weighed(self.work(fidelity), self.rates)}
 
     def seconds(self, fidelity: Fidelity) -> float:
         """Predicted seconds of all stages, on this machine."""
@@ -71,9 +71,10 @@ class Costs:
 
     def memory_mib(self, fidelity: Fidelity) -> float:
         """Predicted peak memory of the process."""
-        return BASE_MIB + self._work(fidelity).bytes / 2**20
+        return BASE_MIB + self.work(fidelity).bytes / 2**20
 
-    def _work(self, fidelity: Fidelity) -> Work:
+    def work(self, fidelity: Fidelity) -> Work:
+        """Counted work of a simulation."""
         if fidelity not in self._known:
             layers = self.facts.layers_of(fidelity.layers)
             groups, colours = self._counts(fidelity)

@@ -20,15 +20,14 @@ def another_machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A user without any cache, on a machine as fast as that of the shipped rates by the moment's work."""
     monkeypatch.setattr(rates, "_known", {})
     monkeypatch.setattr(rates, "user_folder", lambda: tmp_path)
-    monkeypatch.setattr(rates, "paces", lambda: rates.SHIPPED[rates.PACE])
-    monkeypatch.setattr(rates, "SINCE", {})
+    monkeypatch.setattr(rates, "paces", lambda: rates.TODAY[rates.PACE])
     return tmp_path
 
 
 def predicted() -> dict[str, float]:
     """Seconds of each stage for amounts of work that take a second by the shipped rates."""
     return {
-        stage: sum(now.values()) / sum(rates.SHIPPED[stage].values())
+        stage: sum(now.values()) / sum(rates.TODAY[stage].values())
         for stage, now in rates.rates().items()
         if stage != rates.PACE
     }
@@ -42,14 +41,6 @@ def test_after_three_photos_the_seconds_are_right_within_a_factor_of_one_and_a_h
         before = predicted()
         rates.learn(before, {stage: noise * slower for stage in before})
     assert all(1 / 1.5 < seconds / slower < 1.5 for seconds in predicted().values())
-
-
-def test_stages_that_became_faster_are_said_to_be_until_photos_say_more(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(rates, "SINCE", {"blur": 0.5})
-    before = predicted()
-    assert before["blur"] == pytest.approx(0.5) and before["psf"] == pytest.approx(1.0)
-    rates.learn(before, {"blur": 0.7})
-    assert predicted()["blur"] == pytest.approx(0.7)
 
 
 def test_what_photos_took_is_known_while_each_operation_has_one_thread():
@@ -66,18 +57,18 @@ def test_what_photos_took_is_known_while_each_operation_has_one_thread():
 
 def test_a_slower_pace_makes_everything_slower(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
-        rates, "paces", lambda: {kind: 3 * each for kind, each in rates.SHIPPED[rates.PACE].items()}
+        rates, "paces", lambda: {kind: 3 * each for kind, each in rates.TODAY[rates.PACE].items()}
     )
     assert all(seconds == pytest.approx(3.0) for seconds in predicted().values())
 
 
 def test_a_machine_that_is_slow_at_one_kind_of_work_is_slow_at_that_alone(monkeypatch: pytest.MonkeyPatch):
-    usual = rates.SHIPPED[rates.PACE]
+    usual = rates.TODAY[rates.PACE]
     monkeypatch.setattr(rates, "paces", lambda: {**usual, "products": 10 * usual["products"]})
     found = rates.rates()
     slower = {
         (stage, kind)
-        for stage, kinds in rates.SHIPPED.items()
+        for stage, kinds in rates.TODAY.items()
         for kind, before in kinds.items()
         if stage != rates.PACE and found[stage][kind] > 5 * before
     }
@@ -112,8 +103,8 @@ def test_threads_with_pieces_of_their_own_gain_less_than_those_that_share_each_o
 
 
 def test_each_rate_is_of_a_kind_of_work():
-    assert rates.SHIPPED.keys() == {*STAGES, rates.PACE} and all(
-        0 < rate < 0.01 and kind in KINDS for kinds in rates.SHIPPED.values() for kind, rate in kinds.items()
+    assert rates.TODAY.keys() == {*STAGES, rates.PACE} and all(
+        0 < rate < 0.01 and kind in KINDS for kinds in rates.TODAY.values() for kind, rate in kinds.items()
     )
 
 
