@@ -6,12 +6,14 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
 
 from edofsim.capture import Fidelity, Photo, capture
 from edofsim.capture import terms as captured
+from edofsim.capture.field import Part, change_over_field
 from edofsim.errors import InputError
 from edofsim.optics import Camera
 from edofsim.optics import terms as optics_terms
@@ -184,3 +186,25 @@ def test_a_dark_frame_is_refused(doublet: Camera, tmp_path: Path) -> None:
     frame = Frame(40, 56, (-90000.0, 0.0), doublet.pixel_angle)
     with pytest.raises(InputError, match="axis"):
         terms_of(doublet, frame, 512, BANDS, torch.tensor([0.5]), None, window_px=16, db=50.0, cache=tmp_path)
+
+
+@pytest.mark.parametrize(("change", "everywhere"), [(1e-7, True), (0.3, False)])
+def test_sub_apertures_of_the_axis_serve_where_they_change_little(
+    doublet: Camera, change: float, everywhere: bool
+) -> None:
+    """Of a doublet, whose PSFs at the corner differ: little change errs by less than asked wherever it is."""
+    frame = Frame.about(192, 256, doublet)
+    axes = SimpleNamespace(wavelengths=torch.tensor([550e-9]), ends=(0.5, 1.0))
+    seen, flat = [], torch.ones(1, 192, 256)
+    view = View.flat(flat, flat[0], wavelengths=axes.wavelengths, pixel_angle=doublet.pixel_angle)
+
+    def changed(here: Camera, part: Part) -> torch.Tensor:
+        seen.append(here)
+        at = part(view, 0)
+        return torch.full((1, 3, at.height, at.width), change)
+
+    fidelity = Fidelity(layers_db=60.0)
+    found = change_over_field(doublet, fidelity, frame, 64, axes, 1.0, changed)
+    assert (len(seen) == 1) == everywhere
+    assert float(found[0, 0, 96, 128]) == pytest.approx(change, rel=1e-3)
+    assert float(found[0, 0, 0, 0]) < 0.9995 * float(found[0, 0, 96, 128])  # less light at the corner

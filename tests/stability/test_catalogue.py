@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hard_cases import CASES, convergence, lens_field
+from hard_cases import CASES, convergence
 
 from edofsim.errors import InputError
 from edofsim.optics import Camera
@@ -16,7 +16,7 @@ from edofsim.stability.catalogue import choose, figures, run_case, write_table
 SLOW = {
     "psi 1000", "4096 wide", "killed in any step", "a hundred wires", "layers of one pixel",
     "layers of one column", "slanted through focus", "primes", "even", "one outlier", "flat colours",
-    *convergence.SLOW, *lens_field.SLOW,
+    *convergence.SLOW,
 }  # fmt: skip
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 from edofsim.stability import Case, camera_cases, small_cameras, white_wall
 
 from .convergence import CASES as CONVERGENCE
-from .lens_field import CASES as FIELD
 from .light import CASES as LIGHT
 from .networks import CASES as NETWORKS
 from .occlusion import CASES as OCCLUSION
@@ -33,7 +32,7 @@ CASES: tuple[Case, ...] = (
         *PSFS,
         *SENSOR,
     ),
-    *(*RESTORATION, *NETWORKS, *TRAINING, *RENDERING, *CONVERGENCE, *FIELD),
+    *(*RESTORATION, *NETWORKS, *TRAINING, *RENDERING, *CONVERGENCE),
 )
 
 __all__ = ["CASES"]

@@ -11,7 +11,6 @@ cat's eyes, have edges out of focus.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 import tempfile
 import time
@@ -33,7 +32,6 @@ from edofsim.plan import parse_target, plan_photo
 from edofsim.recipe.load import load_camera
 from edofsim.render.view import View
 from edofsim.restore.scores import psnr
-from edofsim.stability.case import Case, Finding
 
 WIDTH, HEIGHT = 512, 384
 STEP, STRIP = 16, 96
@@ -82,11 +80,16 @@ def view_of(camera: Camera, bands: int = BANDS, blur_px: float | None = None) ->
 
 
 def photo(view: View, camera: Camera, fidelity: Fidelity, folder: Path) -> Tensor:
-    """[channel, y, x] without veiling glare, of which a part of a frame has another."""
+    """[channel, y, x], with the veiling glare of what its PSFs' window leaves out."""
+    return capture(view, camera, fidelity, exposure=1.0, cache=folder).clean
+
+
+def part_of_truth(view: View, camera: Camera, folder: Path) -> Tensor:
+    """[channel, y, x] without veiling glare, of which a part of a frame has another; the window is whole."""
     module = sys.modules[capture.__module__]
     with_glare = module.glare_of
     with mock.patch.object(module, "glare_of", lambda *of: tuple(0 * each for each in with_glare(*of))):
-        return capture(view, camera, fidelity, exposure=1.0, cache=folder).clean
+        return photo(view, camera, TRUTH, folder)
 
 
 def truth(view: View, camera: Camera, folder: Path, strips: range) -> Iterator[tuple[slice, Tensor]]:
@@ -98,7 +101,7 @@ def truth(view: View, camera: Camera, folder: Path, strips: range) -> Iterator[t
         if not path.exists():
             begun = time.process_time()
             part = crop(view, rows.start, 0, STRIP, WIDTH, view.margin)
-            torch.save(photo(part, camera, TRUTH, folder), path)
+            torch.save(part_of_truth(part, camera, folder), path)
             print(f"  rows {rows.start} to {rows.stop}: {time.process_time() - begun:.0f} s", flush=True)
         yield rows, torch.load(path)
 
@@ -194,28 +197,6 @@ def tiled(light: Tensor, psfs: Tensor, margin: int) -> Tensor:
                 :, margin : margin + bottom - top, margin : margin + right - left
             ]
     return image
-
-
-def _findings(name: str) -> Iterator[Finding]:
-    begun = time.process_time()
-    with tempfile.TemporaryDirectory() as folder:
-        found, _ = reached(name, Path(folder))
-    error = math.nan if math.isnan(found) else 10 ** ((ASKED[name] - 1 - found) / 20)
-    yield Finding("error over the promised one", error, 1.0, time.process_time() - begun)
-
-
-CASES: tuple[Case, ...] = tuple(
-    Case(
-        f"{name} over its field",
-        "plan",
-        "a traced lens, its vignetting and field curvature, depth edges in a corner and on the axis",
-        "sums of few kernels, or places too far apart, miss what a plan promises",
-        f"within a decibel of the promise, against PSFs of {WIDTH // STEP + 1} x {HEIGHT // STEP + 1} places",
-        lambda name=name: _findings(name),
-    )
-    for name in ASKED
-)
-SLOW = {case.name for case in CASES}
 
 
 def _main() -> None:
