@@ -1,18 +1,31 @@
-"""Commands run in this process; small disks; and one thread an operation: tests take small tensors, whose
-threads would only wait for each other."""
+"""Commands run in this process; small disks; caches of their own, as on a fresh machine; and one thread an
+operation: tests take small tensors, whose threads would only wait for each other."""
 
 from __future__ import annotations
 
+import os
 import subprocess
+import tempfile
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 
+import matplotlib
 import pytest
 import torch
 
 LARGE = 256 << 20
 THREADS = torch.get_num_threads()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What earlier runs kept for this user is not seen. Matplotlib's list of fonts stays: it takes long."""
+    if hasattr(config, "workerinput"):
+        return  # of `-n`: as the process that started it
+    os.environ.setdefault("MPLCONFIGDIR", matplotlib.get_cachedir())
+    folder = tempfile.TemporaryDirectory(prefix="edofsim-tests-")
+    config.add_cleanup(folder.cleanup)
+    os.environ["XDG_CACHE_HOME"] = folder.name
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -48,7 +48,7 @@ def remembered(
 def _write(found: Estimates, path: Path) -> None:
     names = ("errors", "images", "absent", "asked")
     rows = [
-        {"labels": [level.label for level in row.levels], **{name: getattr(row, name) for name in names}}
+        {"levels": list(map(_named, row.levels)), **{name: getattr(row, name) for name in names}}
         for row in found.rows
     ]
     path.write_text(json.dumps({"rows": rows, "products": found.products.tolist()}), encoding="utf-8")
@@ -64,15 +64,20 @@ def _read(
     rows = []
     for effect, row in zip(effects, content["rows"], strict=True):
         absent, levels = levels_of(facts, effect, more)
-        by_label = {level.label: level for level in levels}
-        if absent != row["absent"] or not by_label.keys() >= set(row["labels"]):
+        by_name = {_named(level): level for level in levels}
+        if absent != row["absent"] or not by_name.keys() >= set(row["levels"]):
             raise ValueError("of other levels")
-        levels = tuple(by_label[label] for label in row["labels"])
+        levels = tuple(by_name[name] for name in row["levels"])
         errors = tuple(tuple(float(e) for e in level) for level in row["errors"])
         rows.append(Estimate(effect, absent, levels, errors, tuple(row["images"]), row["asked"]))
     size = len(content["products"])
     products = torch.tensor(content["products"], dtype=torch.float64).reshape(size, size)
     return Estimates(tuple(rows), products)
+
+
+def _named(level: Level) -> str:
+    """Its label and what it changes: two layers that a user insists on may be labelled as a plan's own."""
+    return f"{level.label}: {level.change!r}"
 
 
 def _folder() -> Path:
@@ -92,7 +97,7 @@ def _key(
         "view": facts.fingerprint,
         "camera": facts.camera.recipe.model_dump(mode="json", exclude={"name", "purpose"}),
         "effects": [[effect.name, EFFECTS.code_of(effect.name)] for effect in effects],
-        "more": {name: [level.label, repr(level.change)] for name, level in more.items()},
+        "more": {name: _named(level) for name, level in more.items()},
         "asked": None if asked is None else sorted(asked),
         "most_db": round(decibels(facts.allowed), 3),
         "rendering": [facts.bounce_errors, facts.glass_error, facts.view.noise, facts.noise_ratio],

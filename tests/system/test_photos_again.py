@@ -12,6 +12,7 @@ import torch
 import edofsim as package
 from edofsim.capture import guessed
 from edofsim.core.images import read_exr
+from edofsim.plan import remember
 
 Run = Callable[..., tuple[int, str]]
 
@@ -57,15 +58,19 @@ def test_photos_that_are_there_stay_and_those_that_changed_are_taken_again(edofs
 
 
 def test_what_a_plan_guessed_is_photographed(edofsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Behind a disc of paper: guessed once, for both."""
+    """Behind a disc of paper: guessed once, for both. What is remembered serves the second time, although
+    the layers that are insisted on are labelled as the plan's own."""
     one, guesses, found = scenes(tmp_path)[0], [], guessed._found
     depth = np.full((48, 64), 1.6)
     depth[12:36, 20:44] = 0.6
     np.save(tmp_path / "z.npy", depth)
     monkeypatch.setattr(guessed, "_found", lambda *given: guesses.append(given) or found(*given))
     command = ("expose", one, "--camera", "paper-clear", "--sub-apertures", "1", "--layers", "2")
-    assert edofsim(*command, "--out", tmp_path / "out")[0] == 0
-    assert len(guesses) == 1
+    monkeypatch.setattr(remember, "_folder", lambda: tmp_path / "plans")
+    for again in range(2):
+        assert edofsim(*command, "--out", tmp_path / str(again))[0] == 0
+        assert len(guesses) == 1 + again
+    assert list((tmp_path / "plans").iterdir())
 
 
 def test_members_of_a_family_are_photographed_and_seen_in_python(edofsim: Run, tmp_path: Path):
