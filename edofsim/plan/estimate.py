@@ -138,8 +138,10 @@ def _measured(
     facts: Facts, todo: Sequence[tuple[Effect, Sequence[Level], bool]], progress: Progress | None
 ) -> list[Mapping[int, Tensor]]:
     """What levels of effects change, by their number, several effects at a time; each effect with whether all
-    of its levels are looked at."""
+    of its levels are looked at. Those of one pass begin: they are seen in coarse photos, and need not wait
+    for spectra that another thread makes."""
     lock, done = threading.Lock(), 0
+    order = sorted(range(len(todo)), key=lambda number: not todo[number][0].one_pass)
 
     def measure(one: tuple[Effect, Sequence[Level], bool]) -> Mapping[int, Tensor]:
         nonlocal done
@@ -153,7 +155,8 @@ def _measured(
             return dict(enumerate(differences(facts, levels[:-1])))
         return _useful(lambda level: differences(facts, [levels[level]])[0], len(levels) - 1, facts.allowed)
 
-    return in_threads(measure, todo, torch.device("cpu"))
+    found = in_threads(measure, [todo[number] for number in order], torch.device("cpu"))
+    return [found[order.index(number)] for number in range(len(todo))]
 
 
 def _useful(measure: Callable[[int], Tensor], count: int, most: float) -> Mapping[int, Tensor]:
