@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -19,22 +20,52 @@ from torch import Tensor
 from edofsim.capture import Fidelity, capture
 from edofsim.capture.framing import framed, seen_through
 from edofsim.optics import Camera
+from edofsim.optics import cache as psfs_kept
+from edofsim.optics.terms import KEPT
+from edofsim.plan import parse_target, plan_photo
 from edofsim.recipe import load_camera, load_scene
 from edofsim.record import record, write_record
 from edofsim.render import render
+from edofsim.render.view import View
 from edofsim.restore.scores import image_psnr
 
 SCENES = ("desk", "foliage")
 CAMERAS = ("doublet-25mm-f6", "double-gauss-50mm-f4", "aspheres-5mm-f3")
 FIDELITY = Fidelity(layers_db=45.0, band_groups=1, group_wavelengths=1, occlusion="hidden", read_noise=False)
+ASKED_DB = {"aspheres-5mm-f3": 45}
+"""Of plans whose photos are timed, else 50."""
+
+
+def seen(scene: str, name: str, cache: Path | None) -> tuple[View, Camera]:
+    """A scene as a camera sees it, and the camera."""
+    loaded, given = load_scene(scene), load_camera(name)
+    camera = Camera.from_recipe(given.recipe, given.base)
+    recipe = framed(loaded.recipe, camera)
+    return seen_through(camera, recipe, render(recipe, loaded.base, cache=cache))[1], camera
+
+
+def seconds(scene: str, name: str, cache: Path | None) -> Mapping[str, float]:
+    """Of the processor, with the field and without; and how many times as long the field takes."""
+    view, camera = seen(scene, name, cache)
+    target = parse_target(f"{ASKED_DB.get(name, 50)}dB", None)
+    plan = plan_photo(view, camera, {"with_": ["field dependence"]}, target, every_effect=False)
+    found: dict[str, float] = {}
+    for field, change in (("axis", {"field_step_px": 0}), ("field", {})):
+        psfs_kept.forget()
+        KEPT.forget()
+        for when in ("first", "again"):
+            begun = time.process_time()
+            capture(view, camera, plan.fidelity.changed(change), exposure=1.0)
+            found[f"seconds.{field}.{when}.{scene}.{name}"] = time.process_time() - begun
+    for when in ("first", "again"):
+        field, axis = (found[f"seconds.{each}.{when}.{scene}.{name}"] for each in ("field", "axis"))
+        found[f"times.{when}.{scene}.{name}"] = field / axis
+    return found
 
 
 def figures(scene: str, name: str, cache: Path | None) -> Mapping[str, float]:
     """The figures of a scene and a camera."""
-    loaded, given = load_scene(scene), load_camera(name)
-    camera = Camera.from_recipe(given.recipe, given.base)
-    recipe = framed(loaded.recipe, camera)
-    _, view = seen_through(camera, recipe, render(recipe, loaded.base, cache=cache))
+    view, camera = seen(scene, name, cache)
     whole = capture(view, camera, FIDELITY)
     axis = capture(view, camera, FIDELITY.changed({"field_step_px": 0}), exposure=whole.exposure)
     one, other = axis.clean, whole.clean
@@ -53,15 +84,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="*", default=SCENES)
     parser.add_argument("--camera", action="append")
+    parser.add_argument("--seconds", action="store_true")
     parser.add_argument("--cache", type=Path)
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
     found: dict[str, float] = {}
     for scene in asked.scenes:
         for name in asked.camera or CAMERAS:
-            now = figures(scene, name, asked.cache)
+            now = (seconds if asked.seconds else figures)(scene, name, asked.cache)
             found |= now
-            print(*(f"{key}: {value:.1f}" for key, value in now.items()), sep="\n", flush=True)
+            print(*(f"{key}: {value:.3g}" for key, value in now.items()), sep="\n", flush=True)
     if asked.json:
         typed = shlex.join(["python", "-m", "docs.studies.field", *sys.argv[1:]])
         write_record(asked.json, record("field", figures=found, typed=typed))
