@@ -68,7 +68,8 @@ def change_over_field(
     """What `changed` says that a way to simulate changes in an unexposed photo, as `image_over_field`.
 
     Where the change is so little that the axis's, in the light of each place, errs by no more than half of
-    `layers_db`, that is taken; else that of as few places as may be, `CHANGE_STEP_PX` apart at least.
+    the mean square of `layers_db`, that is taken; else that of as few places as may be, `CHANGE_STEP_PX`
+    apart at least.
     exposure: factor from radiance to full scale.
     """
     change = changed(camera, lambda light, reach: light)
@@ -77,7 +78,7 @@ def change_over_field(
     least = max(step, CHANGE_STEP_PX)
     size = exposure * float(change.detach().square().mean().sqrt())
     # as large a part of the change errs as of a picture's contrast
-    allowed = HALF * 10 ** ((-fidelity.layers_db - CONTRAST_DB) / 20) / max(size, 1e-30)
+    allowed = HALF**0.5 * 10 ** ((-fidelity.layers_db - CONTRAST_DB) / 20) / max(size, 1e-30)
 
     def light(at: Place) -> Tensor:
         return torch.full_like(at.share, relative_light(camera.seen_at(at.field)))

@@ -26,14 +26,16 @@ def contrast_transfer(psf: Tensor) -> Tensor:
     return torch.fft.rfft2(psf) * (spectrum / spectrum.sum()).sqrt()
 
 
-def transfers_apart(one: Tensor, other: Tensor) -> float:
+def transfers_apart(one: Tensor, other: Tensor, of_all: bool = False) -> float:
     """How pictures differ that such transfer functions make, in the root mean square relative to the
     contrast, in the worst PSF.
 
     one: [..., y, x // 2 + 1], of `contrast_transfer`.
     other: the same, [..., y, x // 2 + 1].
+    of_all: a mean over all PSFs, in place of the worst.
     """
-    return float((one - other).abs().square().sum((-1, -2)).max().sqrt())
+    squares = (one - other).abs().square().sum((-1, -2))
+    return float((squares.mean() if of_all else squares.max()).sqrt())
 
 
 class Contrast:

@@ -207,7 +207,8 @@ def errors_by_step(
         `BLUR_PX`, or what is nearest to them between the ends. Nothing of a picture decides.
     camera: one whose lens `varies`.
     frame: rows and columns of the photo.
-    lit: all have the light of their place in any case, and only PSFs err.
+    lit: of a change that has the light of each place in any case, and is of all depths and colours: only PSFs
+        err, and their mean counts; else the worst of them.
 
     Raises InputError for a mask that bends rays too much.
     """
@@ -244,7 +245,7 @@ def errors_by_step(
             return math.inf
         mean = torch.stack([each for each, _ in ends]).mean(0)
         dark = MEAN * (light - sum(each for _, each in ends) / len(ends))
-        return 10 ** (-CONTRAST_DB / 20) * math.hypot(transfers_apart(transfer, mean), dark)
+        return 10 ** (-CONTRAST_DB / 20) * math.hypot(transfers_apart(transfer, mean, of_all=lit), dark)
 
     return ((step, max(off(step, part) for part in WAY)) for step in (0, *STEPS))
 

@@ -142,7 +142,7 @@ class Facts:
         """Likewise of sub-apertures, by what they are taken to change: see `change_over_field`."""
         if not step:
             return 0
-        least, enough = max(step, CHANGE_STEP_PX), CHANGED * HALF * 10 ** (-fidelity.layers_db / 20)
+        least, enough = max(step, CHANGE_STEP_PX), CHANGED * HALF**0.5 * 10 ** (-fidelity.layers_db / 20)
         found = self.joined.items()
         return next((apart for apart, error in found if error < enough or 0 < apart <= least), least)
 

@@ -26,6 +26,8 @@ SAFETY_DB = 1.0
 """The budget is smaller than what is asked for by this: estimates are of a sample."""
 TERMS_NEARER_DB = 5.0
 """Than is asked for: what kernels that stand for the PSFs of places may change adds next to nothing."""
+NODES_NEARER_DB = 10.0
+"""And where the nodes of depths follow from the same figure: theirs adds up with it."""
 OCCLUSION_DB = 1.5
 """And by this where occlusion is simulated: it is seen in few large pixels, and what passes it in slabs."""
 
@@ -122,10 +124,10 @@ class Planner:
         seconds: Cost,
     ) -> Plan:
         fidelity = fidelity_of(self.estimates, chosen, self.facts.full)
-        if fidelity.layers is not None and fidelity.field_step_px and math.isfinite(asked):
-            # layers and places are chosen: what is left of it is how well kernels make up the PSFs of places
-            least = min(fidelity.layers_db, asked + TERMS_NEARER_DB)
-            fidelity = fidelity.changed({"layers_db": least})
+        if fidelity.field_step_px and math.isfinite(asked):
+            # places are chosen: what is left of it is how well kernels make up their PSFs
+            nearer = TERMS_NEARER_DB if fidelity.layers is not None else NODES_NEARER_DB
+            fidelity = fidelity.changed({"layers_db": min(fidelity.layers_db, asked + nearer)})
         now = seconds(chosen)
         decisions = []
         for row in self.estimates.rows:
