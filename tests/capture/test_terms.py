@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 import torch
+from hard_cases.lens_field import with_nearer
 
 from edofsim.capture import Fidelity, Photo, capture
 from edofsim.capture import terms as captured
@@ -38,16 +39,16 @@ def doublet() -> Camera:
 
 @pytest.fixture(scope="module")
 def corner(doublet: Camera) -> View:
-    """A slope of smooth depth in a corner of a frame, and before it a disc that cuts its blur."""
+    """A slope of smooth depth in a corner of a frame, and before it a disc that hides a part of it."""
     margin, (height, width) = 12, PIXELS
     rows, columns = height + 2 * margin, width + 2 * margin
     blocks = torch.rand(2, rows // 4, columns // 4, generator=torch.Generator().manual_seed(1))
     light = blocks.repeat_interleave(4, 1).repeat_interleave(4, 2)
     y, x = torch.meshgrid(torch.arange(rows), torch.arange(columns), indexing="ij")
     depth = 0.45 + 0.2 * x / columns
-    depth = torch.where((y - rows / 2) ** 2 + (x - columns / 2) ** 2 < 80, torch.tensor(0.75), depth)
     how = {"wavelengths": BANDS, "pixel_angle": doublet.pixel_angle, "margin": margin}
-    return replace(View.flat(light, depth, **how, metadata={"hidden": "none"}), axis=AXIS)
+    slope = replace(View.flat(light, depth, **how, metadata={"hidden": "known"}), axis=AXIS)
+    return with_nearer(slope, (y - rows / 2) ** 2 + (x - columns / 2) ** 2 < 80, 0.75)
 
 
 @pytest.fixture(autouse=True, scope="module")
