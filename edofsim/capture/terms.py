@@ -228,12 +228,14 @@ def blurred_terms(light: TermLight, grid: Grid) -> Tensor:
     """The image [channel, y, x] of light in the padded frame of a grid."""
     channels, terms = light.amounts.shape[1:]
     block = max(1, BLOCK_PIXELS // (channels * math.prod(grid.transform)))
+    row = torch.div(light.pixel, light.columns, rounding_mode="floor")
+    place = light.pixel + row * (grid.transform[1] - light.columns)
     total = None
     for start in range(0, terms, block):
-        some = light.amounts[..., start : start + block]
-        image = some.new_zeros(light.rows * light.columns, some[0].numel())
-        image = image.index_add(0, light.pixel, some.flatten(1)).T
-        shine = spectrum(image.reshape(channels, -1, light.rows, light.columns), grid)
+        some = light.amounts[..., start : start + block].flatten(1).T
+        # at once where it is transformed: that takes half as long as to widen and turn images
+        image = some.new_zeros(len(some), math.prod(grid.transform)).index_add(1, place, some)
+        shine = spectrum(image.reshape(channels, -1, *grid.transform), grid)
         found = (shine * spectrum(light.kernels[start : start + block], grid)).sum(1)
         total = found if total is None else total + found
     assert total is not None  # there is one term at least
