@@ -46,9 +46,11 @@ class TermLight(Placed):
 @dataclass(frozen=True)
 class _Table:
     """Factors at a grid of places and depths, and where fragments are between these. factors: [row, group,
-    term]; corners, shares: [fragment, corner], rows of a fragment, their weights; kernels: [term, y, x]."""
+    term]; held: [row, group], the light that they bring; corners, shares: [fragment, corner], rows of a
+    fragment, their weights; kernels: [term, y, x]."""
 
     factors: Tensor
+    held: Tensor
     corners: Tensor
     shares: Tensor
     kernels: Tensor
@@ -132,9 +134,8 @@ class TermBlurring(Blurring):
         return self._imaged(amounts, table, view, which[order])
 
     def _covered(self, table: _Table, view: View, which: Tensor, amount: Tensor) -> Tensor:
-        """By PSFs that each sum to 1."""
-        whole = table.factors @ table.kernels.sum((-2, -1))
-        white = torch.einsum("cg,ngt->nct", self.response, table.factors / whole[..., None])
+        """By PSFs that each sum to 1, but where they crowd light or spread it: a wall covers all."""
+        white = torch.einsum("cg,ngt->nct", self.response, table.factors / table.held[..., None])
         amounts = white.new_empty(len(which), *white.shape[1:])
         pieces = zip(
             table.weighted(white.flatten(1)), amount.split(AT_ONCE), amounts.split(AT_ONCE), strict=True
@@ -167,14 +168,21 @@ class TermBlurring(Blurring):
         corners, shares = _doubled(corners, shares, cell, share, len(depths))
         down, across = (side.to(factors) for side in sides)
         used = [torch.nonzero(side.abs().sum(0)).flatten() for side in (down, across)]
-        factors = factors.index_select(0, used[0]).index_select(1, used[1])
-        factors = torch.einsum("dn,yxngt->yxdgt", weights.to(factors), factors)
-        kernels = self._kernels
+
+        def at_depths(values: Tensor) -> Tensor:
+            values = values.index_select(0, used[0]).index_select(1, used[1])
+            return torch.einsum("dn,yxngt->yxdgt", weights.to(values), values)
+
+        def at_places(values: Tensor) -> Tensor:
+            values = torch.tensordot(down[:, used[0]], values, 1)
+            values = torch.tensordot(across[:, used[1]], values.transpose(0, 1), 1).transpose(0, 1)
+            return values.flatten(0, 2).contiguous()
+
+        factors, kernels = at_depths(factors), self._kernels
         if values is None:
             factors, kernels = self._fewer(factors, kernels)
-        factors = torch.tensordot(down[:, used[0]], factors, 1)
-        factors = torch.tensordot(across[:, used[1]], factors.transpose(0, 1), 1).transpose(0, 1)
-        return _Table(factors.flatten(0, 2).contiguous(), corners, shares, kernels)
+        held = at_places(at_depths(terms.held[..., None]))[..., 0]
+        return _Table(at_places(factors), held, corners, shares, kernels)
 
     def _ticks(self, place: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Steps that straight lines go through which hold places [n]; the one before each, and the share of

@@ -40,6 +40,7 @@ FEWER_BANDS = (3, 4, 6, 8, 11, 15, 20)
 """Wavelengths at which PSFs of places may be computed."""
 PART_BYTES = 32 << 20
 """PSFs that kernels are found of at a time."""
+PARTS = ("kernels", "factors", "held", "lost")
 HALF = 0.5
 """Of an allowed error is for each of two causes."""
 
@@ -47,19 +48,20 @@ HALF = 0.5
 @dataclass(frozen=True, eq=False)
 class Terms:
     """factors: [place down, place across, node, band, term] of each PSF, with the light of its place over
-    that of the axis; kernels: [term, y, x]; lost: [down, across, node, band], the light that lands outside of
-    the window. first: places in steps (down, right) from the axis; step: pixels. The norm of factors is how
-    pictures differ, relative to their contrast."""
+    that of the axis; kernels: [term, y, x]; held, lost: [down, across, node, band], the light that lands
+    within the window and outside of it. first: places in steps (down, right) from the axis; step: pixels. The
+    norm of factors is how pictures differ, relative to their contrast."""
 
     kernels: Tensor
     factors: Tensor
+    held: Tensor
     lost: Tensor
     first: tuple[int, int]
     step: float
 
     @property
     def nbytes(self) -> int:
-        return self.kernels.nbytes + self.factors.nbytes + self.lost.nbytes
+        return sum(each.nbytes for each in (self.kernels, self.factors, self.held, self.lost))
 
 
 @dataclass(frozen=True)
@@ -256,9 +258,12 @@ def _found(asked: _Asked, allowed: float, progress: Progress) -> Terms:
         found[place] = factors * light, lost * light
     shape = (len(grid.down), len(grid.across))
     parts = [_wider(found[place][0], len(kernels.kernels)) for place in places]
+    factors = torch.stack(parts).unflatten(0, shape)
+    held = factors @ kernels.kernels.sum((-2, -1))
     return Terms(
         kernels.kernels,
-        _even(torch.stack(parts).unflatten(0, shape), kernels.kernels, grid.step),
+        _even(factors, held, kernels.kernels, grid.step),
+        held,
         torch.stack([found[place][1] for place in places]).unflatten(0, shape),
         (grid.down[0], grid.across[0]),
         grid.step,
@@ -276,7 +281,7 @@ def _in_parts(kernels: _Kernels, psfs: Tensor) -> Tensor:
     return factors
 
 
-def _even(factors: Tensor, kernels: Tensor, step: float) -> Tensor:
+def _even(factors: Tensor, held: Tensor, kernels: Tensor, step: float) -> Tensor:
     """Factors by which a white scene is as bright as the light of each place: where PSFs move light by
     distances that change with the place, it is spread or crowded, and pixels see as much more or less of the
     scene."""
@@ -287,7 +292,7 @@ def _even(factors: Tensor, kernels: Tensor, step: float) -> Tensor:
         for axis, moved in enumerate((down, across))
         if factors.shape[axis] > 1
     )
-    return factors * (1 + gone / (factors @ kernels.sum((-2, -1))))[..., None]
+    return factors * (1 + gone / held)[..., None]
 
 
 def _few(
@@ -365,11 +370,12 @@ def _key(
 def _read(path: Path) -> Terms:
     held = load_file(path)
     first, step = held["place"].tolist(), float(held["step"])
-    return Terms(held["kernels"], held["factors"], held["lost"], (int(first[0]), int(first[1])), step)
+    parts = (held[name] for name in PARTS)
+    return Terms(*parts, (int(first[0]), int(first[1])), step)
 
 
 def _write(terms: Terms, path: Path) -> None:
-    parts = {"kernels": terms.kernels, "factors": terms.factors, "lost": terms.lost}
+    parts = {name: getattr(terms, name) for name in PARTS}
     parts |= {"place": torch.tensor(terms.first), "step": torch.tensor(terms.step, dtype=torch.float64)}
     save_file({name: part.contiguous() for name, part in parts.items()}, path)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from hard_cases.lens_field import with_nearer
 from torch import Tensor
 
 from edofsim.capture import Fidelity, capture
@@ -178,6 +179,24 @@ def test_white_is_as_bright_as_the_light_that_gets_through():
         )
         assert float(photo[y, x]) == pytest.approx(light, abs=1e-3)
     assert 0.3 < float(photo.min()) < float(photo.max()) < 0.97
+
+
+def test_a_white_disc_before_a_white_slope_is_as_bright_as_its_place(tmp_path: Path):
+    """Also where PSFs move light by distances that change with the place: light is crowded there, and so is
+    what covers other light."""
+    recipe = load_camera("aspheres-5mm-f3").recipe
+    psf = recipe.psf.model_copy(update={"window_px": 24})
+    seen_by = Camera.from_recipe(recipe.model_copy(update={"psf": psf}))
+    y, x = torch.meshgrid(torch.arange(72), torch.arange(80), indexing="ij")
+    focus = 1 / seen_by.recipe.focus.distance_m
+    how = {"wavelengths": [500e-9, 600e-9], "pixel_angle": seen_by.pixel_angle, "margin": 24}
+    view = View.flat(torch.ones(2, 72, 80), focus + 1e-3 * x, **how, metadata={"hidden": "known"})
+    view = with_nearer(replace(view, axis=(-120.0, -170.0)), (y - 36) ** 2 + (x - 40) ** 2 < 60, focus + 0.4)
+    photo = capture(view, seen_by, Fidelity(layers_db=60.0, field_step_px=32), exposure=1.0, cache=tmp_path)
+    frame = Frame(24, 32, view.axis_px, view.pixel_angle)
+    for row, column in ((0, 0), (12, 16), (23, 31)):
+        light = relative_light(seen_by.seen_at(frame.field(row + 0.5, column + 0.5)))
+        assert float(photo.clean[1, row, column]) == pytest.approx(light, abs=4e-3)
 
 
 def test_the_light_of_two_discs():

@@ -105,18 +105,20 @@ def photo(view: View, camera: Camera, fidelity: Fidelity, folder: Path) -> Tenso
     return capture(view, camera, fidelity, exposure=1.0, cache=folder).clean
 
 
-def part_of_truth(view: View, camera: Camera, folder: Path) -> Tensor:
+def part_of_truth(view: View, camera: Camera, folder: Path, fidelity: Fidelity = TRUTH) -> Tensor:
     """[channel, y, x] without veiling glare, of which a part of a frame has another; the window is whole."""
     module = sys.modules[capture.__module__]
     with_glare = module.glare_of
     with mock.patch.object(module, "glare_of", lambda *of: tuple(0 * each for each in with_glare(*of))):
-        return photo(view, camera, TRUTH, folder)
+        return photo(view, camera, fidelity, folder)
 
 
 def truth(view: View, camera: Camera, folder: Path, strips: range) -> Iterator[tuple[slice, Tensor]]:
-    """Rows of the photo by PSFs of each place, [channel, row, x]; those that a folder holds are not computed
-    again."""
+    """Rows of the photo by PSFs of each place, [channel, row, x], with the glare of the whole frame, by PSFs
+    of the axis; rows that a folder holds are not computed again."""
     folder.mkdir(parents=True, exist_ok=True)
+    axis = TRUTH.changed({"field_step_px": 0})
+    glare = photo(view, camera, axis, folder) - part_of_truth(view, camera, folder, axis)
     for strip in strips:
         rows, path = slice(strip * STRIP, (strip + 1) * STRIP), folder / f"rows-{strip}.pt"
         if not path.exists():
@@ -124,7 +126,7 @@ def truth(view: View, camera: Camera, folder: Path, strips: range) -> Iterator[t
             part = crop(view, rows.start, 0, STRIP, WIDTH, view.margin)
             torch.save(part_of_truth(part, camera, folder), path)
             print(f"  rows {rows.start} to {rows.stop}: {time.process_time() - begun:.0f} s", flush=True)
-        yield rows, torch.load(path)
+        yield rows, torch.load(path) + glare[:, rows]
 
 
 def reached(
