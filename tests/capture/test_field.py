@@ -15,6 +15,7 @@ from torch import Tensor
 from edofsim.capture import Fidelity, capture
 from edofsim.capture import field as captured
 from edofsim.capture.crop import crop
+from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.capture.resample import resampled
 from edofsim.errors import InputError
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
@@ -197,6 +198,24 @@ def test_a_white_disc_before_a_white_slope_is_as_bright_as_its_place(tmp_path: P
     for row, column in ((0, 0), (12, 16), (23, 31)):
         light = relative_light(seen_by.seen_at(frame.field(row + 0.5, column + 0.5)))
         assert float(photo.clean[1, row, column]) == pytest.approx(light, abs=4e-3)
+
+
+def test_plans_of_a_plane_out_of_focus_hold_what_is_wide_off_the_axis(tmp_path: Path):
+    """Far from the axis a phone's PSFs reach farther than on it, where a window of 16 pixels holds them."""
+    seen_by = Camera.from_recipe(load_camera("aspheres-5mm-f3").recipe)
+    blocks = torch.rand(3, 22, 24, generator=torch.Generator().manual_seed(1))
+    light = blocks.repeat_interleave(4, 1).repeat_interleave(4, 2)
+    depth = 1 / seen_by.recipe.focus.distance_m + 14 / blur_per_dioptre(seen_by)
+    how = {"pixel_angle": seen_by.pixel_angle, "margin": 32, "metadata": {"hidden": "none"}}
+    view = View.flat(light, depth, wavelengths=[450e-9, 550e-9, 650e-9], **how)
+    view = replace(view, axis=(-168.0, -224.0))
+    fidelity = plan_photo(view, seen_by, None, parse_target("45dB", None), every_effect=False).fidelity
+    every_place = Fidelity(field_step_px=16, field_terms=False, layers_db=70.0)
+    found, true = (
+        capture(view, seen_by, each, exposure=1.0, cache=tmp_path).clean for each in (fidelity, every_place)
+    )
+    print(fidelity.window_px, psnr(found, true))
+    assert psnr(found, true) > 44
 
 
 def test_the_light_of_two_discs():

@@ -11,13 +11,17 @@ from ..estimate import of_psfs
 from ..facts import Facts, photo_changes, rms
 
 WINDOWS = (16, 32, 48, 64, 96, 128, 192, 256, 384)
+OFF_AXIS_SHARE = 0.5
+"""Share of the recipe's window below which none is looked at for a lens that varies over the field: errors
+are those of the axis, and PSFs of other places are wider."""
 SMALLEST_WINDOW_SHARE = 0.375
 """Share of the recipe's window. Windows of at least that are also seen in coarse photos with occlusion."""
 
 
 def levels(facts: Facts) -> list[Level]:
     most = facts.camera.recipe.psf.window_px
-    few = [Level(f"{n} px", {"window_px": n}) for n in WINDOWS if n < most]
+    least = OFF_AXIS_SHARE * most if facts.camera.lens.varies else 0
+    few = [Level(f"{n} px", {"window_px": n}) for n in WINDOWS if least <= n < most]
     return [*few, Level(f"{most} px", {})]
 
 
