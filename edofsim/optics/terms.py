@@ -370,8 +370,8 @@ def _key(
 def _read(path: Path) -> Terms:
     held = load_file(path)
     first, step = held["place"].tolist(), float(held["step"])
-    parts = (held[name] for name in PARTS)
-    return Terms(*parts, (int(first[0]), int(first[1])), step)
+    kernels, factors, within, lost = (held[name] for name in PARTS)
+    return Terms(kernels, factors, within, lost, (int(first[0]), int(first[1])), step)
 
 
 def _write(terms: Terms, path: Path) -> None:
