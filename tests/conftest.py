@@ -14,6 +14,8 @@ import matplotlib
 import pytest
 import torch
 
+from edofsim.recipe.kinds import MASKS, NETWORKS
+
 LARGE = 256 << 20
 THREADS = torch.get_num_threads()
 
@@ -33,6 +35,15 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Before all fixtures, those of modules too. Slow tests measure seconds and memory as they are for
     users."""
     torch.set_num_threads(THREADS if item.get_closest_marker("slow") else 1)
+
+
+@pytest.fixture
+def registered_for_a_test() -> Generator[None]:
+    """Masks and networks that a test registers are gone after it."""
+    yield
+    for registry in (MASKS, NETWORKS):
+        registry._given.clear()
+        registry.look_again()
 
 
 @dataclass(frozen=True)

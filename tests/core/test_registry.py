@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Literal
 
 import pytest
@@ -17,13 +16,7 @@ from edofsim.plugins import Finite, Restorer, SmoothMask, register
 from edofsim.recipe.kinds import MASKS, NETWORKS
 from edofsim.restore.network import build_network
 
-
-@pytest.fixture(autouse=True)
-def _forgotten() -> Iterator[None]:
-    yield
-    for registry in (MASKS, NETWORKS):
-        registry._given.clear()
-        registry.look_again()
+pytestmark = pytest.mark.usefixtures("registered_for_a_test")
 
 
 def test_a_mask_of_a_script_is_made_by_its_kind() -> None:

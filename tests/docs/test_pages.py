@@ -46,6 +46,7 @@ def named(paths: list[Path], slow: set[str] = frozenset()) -> list:
     ]
 
 
+@pytest.mark.usefixtures("registered_for_a_test")
 @pytest.mark.parametrize("path", named([path for path in PAGES if blocks(path, "python")]))
 def test_the_python_on_a_page_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """In a folder with the reader's own picture and its depth map."""
