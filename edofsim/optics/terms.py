@@ -41,6 +41,7 @@ FEWER_BANDS = (3, 4, 6, 8, 11, 15, 20)
 PART_BYTES = 32 << 20
 """PSFs that kernels are found of at a time."""
 PARTS = ("kernels", "factors", "held", "lost")
+"""Tensors of `Terms`, by the names that files have for them."""
 HALF = 0.5
 """Of an allowed error is for each of two causes."""
 
@@ -368,10 +369,10 @@ def _key(
 
 
 def _read(path: Path) -> Terms:
-    held = load_file(path)
-    first, step = held["place"].tolist(), float(held["step"])
-    kernels, factors, within, lost = (held[name] for name in PARTS)
-    return Terms(kernels, factors, within, lost, (int(first[0]), int(first[1])), step)
+    read = load_file(path)
+    first, step = read["place"].tolist(), float(read["step"])
+    kernels, factors, held, lost = (read[name] for name in PARTS)
+    return Terms(kernels, factors, held, lost, (int(first[0]), int(first[1])), step)
 
 
 def _write(terms: Terms, path: Path) -> None:

@@ -113,12 +113,17 @@ def part_of_truth(view: View, camera: Camera, folder: Path, fidelity: Fidelity =
         return photo(view, camera, fidelity, folder)
 
 
+def glare_of_frame(view: View, camera: Camera, folder: Path) -> Tensor:
+    """[channel, y, x]."""
+    axis = TRUTH.changed({"field_step_px": 0})
+    return photo(view, camera, axis, folder) - part_of_truth(view, camera, folder, axis)
+
+
 def truth(view: View, camera: Camera, folder: Path, strips: range) -> Iterator[tuple[slice, Tensor]]:
     """Rows of the photo by PSFs of each place, [channel, row, x], with the glare of the whole frame, by PSFs
     of the axis; rows that a folder holds are not computed again."""
     folder.mkdir(parents=True, exist_ok=True)
-    axis = TRUTH.changed({"field_step_px": 0})
-    glare = photo(view, camera, axis, folder) - part_of_truth(view, camera, folder, axis)
+    glare = glare_of_frame(view, camera, folder)
     for strip in strips:
         rows, path = slice(strip * STRIP, (strip + 1) * STRIP), folder / f"rows-{strip}.pt"
         if not path.exists():
@@ -148,7 +153,7 @@ def reached(
 
 def others(name: str, folder: Path, blur_px: float) -> Iterator[tuple[str, float, float]]:
     """Ways to a photo of a plane: PSNR [dB], and seconds that they take once their PSFs are known. All have
-    the light of the places."""
+    the light of the places, and the glare of the frame."""
     camera = camera_of(name)
     view = view_of(camera, blur_px=blur_px)
     rows = slice(HEIGHT - STRIP, HEIGHT)  # next to a corner
@@ -157,13 +162,15 @@ def others(name: str, folder: Path, blur_px: float) -> Iterator[tuple[str, float
     photo(view, camera, plan.fidelity, folder)
     begun = time.process_time()
     yield "ours", psnr(photo(view, camera, plan.fidelity, folder)[:, rows], true), time.process_time() - begun
+    glare = glare_of_frame(view, camera, folder)
     weights = channel_weights(camera, view.wavelengths).float()
     light = view.radiance.reshape(view.bands, *view.padded_shape)
     for way, image in (("optiland", decomposed), ("DeepLens", tiled)):
         psfs = psfs_at(camera, view, SIDES[way], at_edges=way == "optiland")
         begun = time.process_time()
         found = torch.einsum("cb,byx->cyx", weights, image(light, psfs, view.margin))
-        yield way, psnr(found[:, rows], true), time.process_time() - begun
+        taken = time.process_time() - begun
+        yield way, psnr((found + glare)[:, rows], true), taken
 
 
 def psfs_at(camera: Camera, view: View, side: int, at_edges: bool) -> Tensor:
