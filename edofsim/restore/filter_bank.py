@@ -111,7 +111,7 @@ class FilterBank(DepthConditioned):
             found = type(self)(**{**self.settings(), "dcnn": network.settings()})
         except (TypeError, ValueError) as error:
             raise InputError(f"this D-CNN does not fit this {self.kind!r}: {error}") from None
-        own = self.state_dict()
+        own = {name: value for name, value in self.state_dict().items() if not name.startswith("dcnn.")}
         grown = {f"trunk.{name}": value for name, value in found.trunk.grown(self.trunk).items()}
         dcnn = {f"dcnn.{name}": value for name, value in network.state_dict().items()}
         found.load_state_dict({**own, **grown, **dcnn})

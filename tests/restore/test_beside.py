@@ -130,6 +130,20 @@ def test_another_one_beside_takes_the_place_of_the_first() -> None:
         assert (both.with_auxiliary(other).eval().unclamped(photo) - same).abs().max() > 1e-3
 
 
+def test_a_smaller_one_takes_the_place_of_the_first() -> None:
+    """None of the first's blocks is left, and its own are as they were."""
+    bank, dcnn = _pair()
+    smaller = DCnn(kernels=3, dilations=(1,), distances=2)
+    _shaken(smaller, 4)
+    smaller.set_psfs(_blurs(3))
+    both = bank.with_auxiliary(dcnn).with_auxiliary(smaller)
+    assert both.dcnn is not None
+    for name, value in both.dcnn.state_dict().items():
+        torch.testing.assert_close(value, smaller.state_dict()[name], rtol=0, atol=0)
+    for name, value in bank.with_auxiliary(dcnn).trunk.state_dict().items():
+        torch.testing.assert_close(both.trunk.state_dict()[name], value, rtol=0, atol=0)
+
+
 def test_what_cannot_stand_beside_is_refused() -> None:
     bank, dcnn = _pair()
     with pytest.raises(InputError, match="the auxiliary network of a 'filter-bank' is a 'dcnn'"):
