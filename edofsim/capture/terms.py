@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -35,7 +36,7 @@ BLOCK_PIXELS = 1 << 22
 class TermLight(Placed):
     """Light for each kernel.
 
-    amounts: [fragment, channel, term].
+    amounts: [channel, term, fragment].
     kernels: [term, y, x].
     """
 
@@ -55,6 +56,7 @@ class _Table:
     shares: Tensor
     kernels: Tensor
 
+    @cached_property
     def cells(self) -> tuple[Tensor, list[Tensor]]:
         """Fragments in the order of their rows, and in parts of no more than `AT_ONCE` with the same ones."""
         order = self.corners[:, 0].argsort(stable=True)
@@ -121,33 +123,41 @@ class TermBlurring(Blurring):
         return self.response @ torch.as_tensor(total, dtype=self.response.dtype)
 
     def _shone(self, table: _Table, view: View, which: Tensor, radiance: Tensor) -> Tensor:
-        order, parts = table.cells()
-        amounts = radiance.new_empty(len(which), len(self.response), len(table.kernels))
-        start = 0
-        for some in parts:
-            # fragments between the same rows: one product with all of these
-            light = radiance.index_select(1, some).T[:, None, None, :] * self.response[:, None, :]
-            light = (light * table.shares[some][:, None, :, None]).flatten(2)  # [n, channel, corner * group]
-            rows = table.factors[table.corners[some[0]]].flatten(0, 1)
-            amounts[start : start + len(some)] = light @ rows
-            start += len(some)
-        return self._imaged(amounts, table, view, which[order])
+        def shone(some: Tensor, shares: Tensor, corners: Tensor) -> Tensor:
+            light = radiance.index_select(1, some) * self.response[:, :, None]
+            light = (light[:, None] * shares[:, None]).flatten(1, 2)  # [channel, corner * group, n]
+            return table.factors[corners].flatten(0, 1).T @ light
+
+        return self._imaged(table, view, which, shone)
 
     def _covered(self, table: _Table, view: View, which: Tensor, amount: Tensor) -> Tensor:
         """By PSFs that each sum to 1, but where they crowd light or spread it: a wall covers all."""
         white = torch.einsum("cg,ngt->nct", self.response, table.factors / table.held[..., None])
-        amounts = white.new_empty(len(which), *white.shape[1:])
-        pieces = zip(
-            table.weighted(white.flatten(1)), amount.split(AT_ONCE), amounts.split(AT_ONCE), strict=True
-        )
-        for part, some, out in pieces:
-            out.flatten(1).copy_(part * some[:, None])
-        return self._imaged(amounts, table, view, which)
 
-    def _imaged(self, amounts: Tensor, table: _Table, view: View, which: Tensor) -> Tensor:
+        def covered(some: Tensor, shares: Tensor, corners: Tensor) -> Tensor:
+            rows = white[corners]
+            return (rows.flatten(1).T @ (shares * amount[some])).unflatten(0, rows.shape[1:])
+
+        return self._imaged(table, view, which, covered)
+
+    def _imaged(
+        self,
+        table: _Table,
+        view: View,
+        which: Tensor,
+        amounts: Callable[[Tensor, Tensor, Tensor], Tensor],
+    ) -> Tensor:
+        """Blurred, what there is of each kernel. `amounts` gives it, [channel, term, n], of some fragments
+        [n] between the same rows, by their weights [corner, n] and these rows [corner]."""
         if not len(which):
             return self.response.new_zeros(len(self.response), *view.padded_shape)
-        light = TermLight(*view.padded_shape, view.pixel[which], amounts, table.kernels)
+        order, parts = table.cells
+        size = len(self.response), len(table.kernels), len(which)
+        found, start = table.kernels.new_empty(size), 0
+        for some in parts:
+            inside = slice(start, start := start + len(some))
+            found[..., inside] = amounts(some, table.shares[some].T, table.corners[some[0]])
+        light = TermLight(*view.padded_shape, view.pixel[which[order]], found, table.kernels)
         return self._blurred(blurred_terms, light, view)
 
     def _table(self, view: View, which: Tensor, values: Tensor | None = None) -> _Table:
@@ -234,17 +244,19 @@ def _doubled(
 
 def blurred_terms(light: TermLight, grid: Grid) -> Tensor:
     """The image [channel, y, x] of light in the padded frame of a grid."""
-    channels, terms = light.amounts.shape[1:]
+    channels, terms = light.amounts.shape[:2]
     block = max(1, BLOCK_PIXELS // (channels * math.prod(grid.transform)))
     row = torch.div(light.pixel, light.columns, rounding_mode="floor")
     place = light.pixel + row * (grid.transform[1] - light.columns)
     total = None
     for start in range(0, terms, block):
-        some = light.amounts[..., start : start + block].flatten(1).T
+        some = light.amounts[:, start : start + block].flatten(0, 1)
         # at once where it is transformed: that takes half as long as to widen and turn images
-        image = some.new_zeros(len(some), math.prod(grid.transform)).index_add(1, place, some)
-        shine = spectrum(image.reshape(channels, -1, *grid.transform), grid)
-        found = (shine * spectrum(light.kernels[start : start + block], grid)).sum(1)
-        total = found if total is None else total + found
+        image = some.new_zeros(len(some), math.prod(grid.transform)).index_add_(1, place, some)
+        shine = spectrum(image.reshape(channels, -1, *grid.transform), grid).unbind(1)
+        through = spectrum(light.kernels[start : start + block], grid)
+        # one after the other: a product of all is written and read once more
+        for one, kernel in zip(shine, through, strict=True):
+            total = one * kernel if total is None else total.addcmul_(one, kernel)
     assert total is not None  # there is one term at least
     return image_of(total, grid)
