@@ -94,7 +94,7 @@ class TermBlurring(Blurring):
         size = terms.factors.shape
         bent = [terms.factors.diff(2, axis).square().sum(-1).mean() for axis in (0, 1) if size[axis] > 2]
         straight = float(sum(bent)) / (8 * self._parts**2) ** 2
-        self._allowed = HALF**2 * max(straight, 10 ** ((CONTRAST_DB - db) / 10))
+        self._allowed = max(straight, HALF**2 * 10 ** ((CONTRAST_DB - db) / 10))
         self._factors, self._kernels = self._fewer(terms.factors, terms.kernels)
 
     def light(self, view: View, which: Tensor, part: Tensor | None = None) -> Tensor:

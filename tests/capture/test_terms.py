@@ -109,7 +109,7 @@ def _transposed(view: View) -> tuple[float, float]:
 FAULTS = {
     "transposed field": (View, "axis_px", property(_transposed)),
     "mirrored places": (captured, "cubic", lambda at, count: cubic(at.flip(0), count)),
-    "few kernels": (captured, "HALF", 30.0),
+    "few kernels": (captured, "HALF", 100.0),
 }
 
 
