@@ -217,10 +217,16 @@ def _over_field(shape: Shape, window: int, step: int) -> tuple[int, float]:
     frame of all of them, each with what its blur reaches."""
     if not step:
         return 1, 1.0
-    frame = Frame(shape.height, shape.width, (shape.height / 2, shape.width / 2), 1.0)
-    sizes = [tuple(place.share.shape) for place in places(frame, step)]
-    parts = sum((rows + window) * (columns + window) for rows, columns in sizes)
-    return len(sizes), max(1.0, parts / _frame(shape, window))
+    rows, columns = (_parts(size, step) for size in (shape.height, shape.width))
+    blurred = [sum(size + window for size in sizes) for sizes in (rows, columns)]
+    return len(rows) * len(columns), max(1.0, blurred[0] * blurred[1] / _frame(shape, window))
+
+
+@lru_cache(1024)
+def _parts(size: int, step: int) -> list[int]:
+    """Pixels along an axis of a frame of this size that each place of it has a share of."""
+    row = Frame(size, 1, (size / 2, 0.5), 1.0)
+    return [len(place.share) for place in places(row, step)]
 
 
 def _times(amounts: Amounts, factor: float) -> dict[str, float]:
