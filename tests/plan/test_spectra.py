@@ -18,7 +18,8 @@ from edofsim.core.once import Once
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import facts_of
 from edofsim.plan.coarse import coarse_of, coarser
-from edofsim.plan.effects import all_effects
+from edofsim.plan.effect import Level
+from edofsim.plan.effects import all_effects, depth_layers
 from edofsim.plan.estimate import _products, estimate
 from edofsim.plan.fragments import Fragments
 from edofsim.plan.otfs import otfs_of, reach_of
@@ -28,6 +29,8 @@ from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import PsfSettings
 from edofsim.render.view import View
 
+LAMPS = 1.4826
+"""Inverse depth of lamps, 1/m: of the range next to a node of 9 and of 13 layers, and between two of 29."""
 CAMERA = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=48)))
 
 
@@ -304,3 +307,29 @@ def test_psfs_of_large_pixels_hold_as_much_light():
         psf_bank(each, [450e-9, 600e-9], [0.3, 2.0]).values.sum((-2, -1)) for each in (camera, coarse.camera)
     )
     assert torch.allclose(fine, large, atol=2e-3)
+
+
+def test_lamps_between_many_layers_err_by_where_they_lie_between_them():
+    """On a slope; all lamps are next to a node of the fewer layers that errors of more are told from."""
+    rows, columns, margin = 192, 240, 24
+    view = two_depths(rows, columns, 4)
+    depth = torch.linspace(0, 2, columns + 2 * margin).repeat(rows + 2 * margin, 1)
+    light = 0.1 * view.radiance.unflatten(1, depth.shape)
+    for down in range(0, rows, 24):
+        for across in range(0, columns, 24):
+            there = slice(margin + down, margin + down + 3), slice(margin + across, margin + across + 3)
+            light[:, *there], depth[there] = 10.0, LAMPS
+    shape = {"wavelengths": view.wavelengths, "pixel_angle": CAMERA.pixel_angle, "margin": margin}
+    facts = facts_of(View.flat(light, depth, **shape, metadata={"hidden": "none"}), CAMERA)
+    assert facts.spectra.fine_nodes == 25
+    (found,) = depth_layers.differences(facts, [Level("", {"layers": 29})])
+    whole = facts.full.changed({"sub_apertures": 1})
+    truth, photo = (
+        capture(facts.view, CAMERA, whole.changed(layers), exposure=facts.exposure).clean
+        for layers in ({}, {"layers": 29})
+    )
+    told, measured = (
+        10 * float(each.log10()) for each in (found.square().sum(1).mean(), (photo - truth).square().mean())
+    )
+    print(told, measured)
+    assert abs(told - measured) < 4

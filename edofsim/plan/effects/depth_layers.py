@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
+import torch
 from torch import Tensor
 
 from ...core.words import metres
 from ..effect import Effect, Level
 from ..facts import Facts
 
+TINY = 1e-30
 LAYERS = (1, 2, 3, 4, 5, 7, 9, 13, 15, 17, 21, 25, 29, 33)
 
 
@@ -50,9 +53,31 @@ def _difference(facts: Facts, layers: int) -> Tensor:
     if facts.depths is not None or layers <= measured:
         missed = 0.0 if facts.depths is not None else ((layers - 1) / (fine - 1)) ** 2
         return facts.spectra.by_layers(layers) / (1 - missed)
+    # by the one of two that sees light where it lies between more
     some = [coarser for coarser in LAYERS if coarser <= measured][-2:]
-    expected = [_difference(facts, coarser) * ((coarser - 1) / (layers - 1)) ** 2 for coarser in some]
-    return max(expected, key=lambda found: float(found.square().sum()))
+    apart = {coarser: _apart(facts, coarser, layers) for coarser in some}
+    coarser = min(some, key=lambda one: abs(math.log(apart[one])))
+    return _difference(facts, coarser) * ((coarser - 1) / (layers - 1)) ** 2 * max(1.0, apart[coarser])
+
+
+def _apart(facts: Facts, coarser: int, layers: int) -> float:
+    """By how much more light errs by more layers than the square of their step tells: a lamp in the middle of
+    a step errs most, and one at a node not at all."""
+    spectra, (low, high) = facts.spectra, facts.ends
+    power = spectra.channels[:, : len(spectra.seen)].double().square().sum(0)
+    place = (spectra.seen.depth.double() - low) / (high - low)
+
+    def missed(place: Tensor, count: int) -> Tensor:
+        part = place * (count - 1) % 1
+        return part * (1 - part)
+
+    # as the nodes that it is judged by see it
+    fine = place * (spectra.fine_nodes - 1)
+    node = fine.floor()
+    before, after = (missed((node + end) / (spectra.fine_nodes - 1), coarser) for end in (0, 1))
+    seen = torch.lerp(before, after, fine - node)
+    of_more, of_few = (float(power @ found.square()) for found in (missed(place, layers), seen))
+    return math.sqrt(max(of_more, TINY) / max(of_few, TINY))
 
 
 EFFECT = Effect("depth layers", levels, why, absent, differences)
