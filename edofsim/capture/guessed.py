@@ -19,6 +19,7 @@ from scipy.ndimage import distance_transform_edt
 from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
+from ..core.threads import in_threads
 from ..optics import Camera
 from ..render.view import View
 from .occlusion.slabs import Hides, cuts
@@ -80,11 +81,19 @@ def _found(view: View, camera: Camera) -> list[_Filled]:
     basis = _spectra(view.radiance)
     lit = view.radiance if basis is None else basis.T @ view.radiance
     found: list[_Filled] = []
-    for level in cuts(plain, gap, pairs):
-        filled = _filled(plain, lit, edges, level, torch.minimum(nearest - gap, before), gap)
-        if filled is not None:
-            found.append(filled)
-            before = before.flatten().index_put((filled.pixel,), filled.depth - gap).reshape(before.shape)
+    levels = cuts(plain, gap, pairs)
+
+    def behind(level: float) -> _Filled | None:
+        return _filled(plain, lit, edges, level, gap)
+
+    every = map(behind, levels) if lit.requires_grad else in_threads(behind, levels, lit.device)
+    for filled in every:
+        if filled is None:
+            continue
+        some = filled.farther(torch.minimum(nearest - gap, before))
+        if some.pixel.numel():
+            found.append(some)
+            before = before.flatten().index_put((some.pixel,), some.depth - gap).reshape(before.shape)
     if basis is None:
         return found
     return [replace(each, radiance=(basis @ each.radiance).clamp_min(0)) for each in found]
@@ -178,13 +187,15 @@ class _Filled:
     coverage: Tensor
     radiance: Tensor
 
+    def farther(self, than: Tensor) -> _Filled:
+        """Those that are no nearer than inverse depths [y, x] say."""
+        some = self.depth <= than.flatten()[self.pixel]
+        return _Filled(self.pixel[some], self.depth[some], self.coverage[some], self.radiance[:, some])
 
-def _filled(
-    view: View, lit: Tensor, edges: Edges, level: float, nearest: Tensor, gap: float
-) -> _Filled | None:
-    """What lies behind a level of inverse depth, continued to where it is hidden. lit: light [k,
-    fragment] to fill with. nearest: [y, x], what it
-    must not be nearer than there; gap: of inverse depths that are one surface."""
+
+def _filled(view: View, lit: Tensor, edges: Edges, level: float, gap: float) -> _Filled | None:
+    """What lies behind a level of inverse depth, continued to where it is hidden. lit: light [k, fragment] to
+    fill with; gap: of inverse depths that are one surface."""
     rows, columns = view.padded_shape
     depth = view.inverse_depth.detach().double()
     seeds = torch.unique(edges.at[(depth[edges.behind] <= level) & (depth[edges.front] > level)])
@@ -213,11 +224,7 @@ def _filled(
     share = torch.where(clean | ((weight > 0) & (weight < 1)), 1.0, NEXT_TO_FRONT).to(image)[part]
     colour = push_pull(image * share, weight.to(image)[part] * share)[:, y - top, x - left]
     deep = _continued(mean, clean, mean.flatten()[source], gap)[y, x]
-    farther = deep <= nearest[y, x]
-    y, x, deep, colour = y[farther], x[farther], deep[farther], colour[:, farther]
     pixel = y * columns + x
-    if not pixel.numel():
-        return None
     coverage = (1 - weight).flatten()[pixel].to(view.coverage)
     return _Filled(pixel, deep, coverage, colour * coverage)
 

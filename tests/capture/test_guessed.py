@@ -224,6 +224,21 @@ def test_that_would_be_seen_if_the_guess_were_wrong(clear: Camera, mutant):
     assert error(mutant(seen, clear)) > 3 * error(seen)
 
 
+@pytest.mark.parametrize("shape", ["nested", "three side by side"])
+def test_a_surface_is_guessed_once_behind_a_front(clear: Camera, shape: str):
+    """Of several levels each finds what is far: behind the front it stands once, and farther than that."""
+    y, x = grid()
+    disc = np.where(y**2 + x**2 < 20**2, NEAR, np.where(x < 0, FAR, MIDDLE))
+    found = with_guessed(picture(clear, depths(shape) if shape == "nested" else disc), clear)
+    gap = 1 / blur_per_dioptre(clear)
+    order = torch.argsort(found.inverse_depth, descending=True, stable=True)
+    order = order[torch.argsort(found.pixel[order], stable=True)]
+    pixel, depth = found.pixel[order], found.inverse_depth[order]
+    same = pixel[1:] == pixel[:-1]
+    assert int(same.sum()) > 100
+    assert float((depth[:-1] - depth[1:])[same].min()) > 0.99 * gap
+
+
 def test_gradients_reach_the_light_that_a_guess_is_made_of(clear: Camera):
     """Against finite differences, in float64: the photo is linear in light."""
     y, x = grid()
