@@ -310,7 +310,7 @@ def test_psfs_of_large_pixels_hold_as_much_light():
 
 
 def test_lamps_between_many_layers_err_by_where_they_lie_between_them():
-    """On a slope; all lamps are next to a node of the fewer layers that errors of more are told from."""
+    """On a slope. All lamps are next to a node of the fewer layers that errors of more are predicted from."""
     rows, columns, margin = 192, 240, 24
     view = two_depths(rows, columns, 4)
     depth = torch.linspace(0, 2, columns + 2 * margin).repeat(rows + 2 * margin, 1)
@@ -328,8 +328,8 @@ def test_lamps_between_many_layers_err_by_where_they_lie_between_them():
         capture(facts.view, CAMERA, whole.changed(layers), exposure=facts.exposure).clean
         for layers in ({}, {"layers": 29})
     )
-    told, measured = (
+    predicted, measured = (
         10 * float(each.log10()) for each in (found.square().sum(1).mean(), (photo - truth).square().mean())
     )
-    print(told, measured)
-    assert abs(told - measured) < 4
+    print(predicted, measured)
+    assert abs(predicted - measured) < 4

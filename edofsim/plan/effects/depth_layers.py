@@ -53,7 +53,7 @@ def _difference(facts: Facts, layers: int) -> Tensor:
     if facts.depths is not None or layers <= measured:
         missed = 0.0 if facts.depths is not None else ((layers - 1) / (fine - 1)) ** 2
         return facts.spectra.by_layers(layers) / (1 - missed)
-    # by the one of two that sees light where it lies between more
+    # from the one of two in whose steps light lies most as it does in those of more
     some = [coarser for coarser in LAYERS if coarser <= measured][-2:]
     apart = {coarser: _apart(facts, coarser, layers) for coarser in some}
     coarser = min(some, key=lambda one: abs(math.log(apart[one])))
@@ -61,8 +61,8 @@ def _difference(facts: Facts, layers: int) -> Tensor:
 
 
 def _apart(facts: Facts, coarser: int, layers: int) -> float:
-    """By how much more light errs by more layers than the square of their step tells: a lamp in the middle of
-    a step errs most, and one at a node not at all."""
+    """Factor on the error of more layers, next to the square of their step, by where light lies in a step: a
+    lamp in its middle errs most, and one at a node not at all."""
     spectra, (low, high) = facts.spectra, facts.ends
     power = spectra.channels[:, : len(spectra.seen)].double().square().sum(0)
     place = (spectra.seen.depth.double() - low) / (high - low)
