@@ -17,6 +17,7 @@ from .capture.fidelity import simpler_camera
 from .capture.fidelity_file import WHERE, read_fidelity
 from .capture.field import frame_of
 from .capture.framing import framed, seen_through
+from .capture.guessed import lacks_hidden, with_guessed
 from .capture.noise import PhotoNoise, photo_noise
 from .capture.presets import PRESETS, preset
 from .core.memory import give_back_memory
@@ -129,9 +130,10 @@ def run(
     view, plan, facts = planned_view(scene, optics, watch, cache=cache, device=device, **asked)
     work = _Work(view, optics, plan, checkpoint, seed, compute, watch)
     rival = work.plan_alone(facts, overrule, target)
+    known = facts.view
     del facts
     give_back_memory()
-    photo, lens_alone = work.photos(rival)
+    photo, lens_alone = work.photos(known, rival)
     psfs, depths = work.psfs()
     restores = _Restores(work, photo, psfs, depths)
     with watch.stage("restore", 0.93, 0.94):
@@ -179,11 +181,13 @@ class _Work:
                 return _alone_as(self.plan.replayed, self.view, self.alone)
             return plan_alone(self.plan, facts, self.alone, overrule, target, progress=tell)
 
-    def photos(self, rival: Plan) -> tuple[Photo, Photo]:
-        """The photo, and that through the lens alone, exposed alike."""
+    def photos(self, known: View, rival: Plan) -> tuple[Photo, Photo]:
+        """The photo, and that through the lens alone, exposed alike. known: the view with what is behind its
+        edges."""
         how = {"seed": self.seed, "device": self.compute}
         with self.watch.stage("expose", 0.7, 0.82):
-            photo = capture(self.view, self.optics, self.plan.fidelity.of_photo(), **how)
+            fidelity = self.plan.fidelity.of_photo()
+            photo = capture(composited(self.view, known, fidelity), self.optics, fidelity, **how)
             photo = with_predicted(photo, self.plan)
         if self.compute == "cpu":
             learn_rates(self.plan.seconds, photo.seconds)
@@ -191,7 +195,8 @@ class _Work:
             if self.bare:
                 return photo, photo
             taken, exposure = rival.fidelity.of_photo(), photo.exposure
-            return photo, capture(self.view, self.alone, taken, exposure=exposure, **how)
+            seen = composited(self.view, known, taken)
+            return photo, capture(seen, self.alone, taken, exposure=exposure, **how)
 
     def psfs(self) -> tuple[Tensor, Tensor]:
         """PSFs of the camera as simulated, and the inverse depths that they stand for."""
@@ -274,8 +279,8 @@ def planned_view(
     cache: Path | None = None,
     device: str = "auto",
 ) -> tuple[View, Plan, Facts]:
-    """The stages `render` and `plan`: the view of a scene, the plan of its photo, and the facts that it was
-    planned on. See `run`.
+    """The stages `render`, `guess` and `plan`: the view of a scene, the plan of its photo, and the facts that
+    it was planned on. See `run`.
 
     The view is rendered as its recipe says, as it is also the truth that photos are scored against, but for
     effects of rendering that the user leaves out; the photo is planned on it. Only where a time is asked for,
@@ -299,13 +304,14 @@ def planned_view(
         view = render(recipe, scene.base, cache=cache, device=device, progress=tell)
         seen, view = seen_through(camera, recipe, view)
     give_back_memory()
-    with watch.stage("plan", 0.6, 0.68) as tell:
+    known = _behind_edges(view, camera, watch)
+    with watch.stage("plan", 0.62, 0.68) as tell:
         left = target
         if target is not None and target.kind == "time":
             left = replace(target, spent=sum(watch.seconds.values()))
-        facts = facts_of(view, camera, recipe=seen)
+        facts = facts_of(known, camera, recipe=seen)
         plan = plan_photo(
-            view,
+            known,
             camera,
             overrule,
             left,
@@ -314,6 +320,20 @@ def planned_view(
             progress=tell,
         )
     return view, plan, facts
+
+
+def _behind_edges(view: View, camera: Camera, watch: Stopwatch) -> View:
+    """The stage `guess`, where it is not known what lies behind the view's edges: all photos composite it."""
+    if not lacks_hidden(view):
+        return view
+    with watch.stage("guess", 0.6, 0.62):
+        return with_guessed(view, camera)
+
+
+def composited(view: View, known: View, fidelity: Fidelity) -> View:
+    """Which of them a photo of a fidelity is made of. known: the view with what is behind its edges, be it
+    guessed."""
+    return known if fidelity.occlusion == "hidden" and fidelity.hidden_surfaces else view
 
 
 def _replayed_view(
@@ -333,9 +353,10 @@ def _replayed_view(
     with watch.stage("render", 0.0, 0.6) as tell:
         view = render(recipe, base, progress=tell, **how)
         seen, view = seen_through(camera, recipe, view)
-    with watch.stage("plan", 0.6, 0.68):
+    known = _behind_edges(view, camera, watch)
+    with watch.stage("plan", 0.62, 0.68):
         chosen = read or preset(given, camera, view)
-        facts = facts_of(view, camera, recipe=seen)
+        facts = facts_of(known, camera, recipe=seen)
     return view, _as_given(chosen, given), facts
 
 

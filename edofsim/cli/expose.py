@@ -196,7 +196,7 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
     from ..core.memory import give_back_memory
     from ..core.stopwatch import Stopwatch
     from ..optics import Camera
-    from ..pipeline import planned_view
+    from ..pipeline import composited, planned_view
     from ..plan import learn_rates, plan_figures, with_predicted
     from ..reference import check_crop
     from ..render import is_picture
@@ -210,24 +210,22 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
         scene, optics, watch, resample=asked.resample, target=asked.target, **how
     )
     fidelity = _fidelity(plan.fidelity.of_photo(), view, asked)
-    # what the plan guessed behind edges is not guessed again
-    seen_by_plan = fidelity.occlusion == "hidden" and fidelity.hidden_surfaces
-    composited = facts.view if seen_by_plan else view
+    seen = composited(view, facts.view, fidelity)
     del facts
     give_back_memory()
     if asked.where is not None:
         check_crop(view, asked.where)
     with watch.stage("expose", 0.7, 0.8):
-        photo = capture(composited, optics, fidelity, seed=asked.seed, device=compute)
-    del composited
+        photo = capture(seen, optics, fidelity, seed=asked.seed, device=compute)
+    del seen
     photo = replace(photo, colours=None) if asked.raw_colours else photo
     if asked.bands is None:
         photo = with_predicted(photo, plan)
         if compute == "cpu":
             learn_rates(plan.seconds, photo.seconds)
-    seen = {"scene": scene.recipe.name, "view": view_key(scene.recipe, scene.base)}
+    of_view = {"scene": scene.recipe.name, "view": view_key(scene.recipe, scene.base)}
     seen_by = camera_recipe.recipe.model_dump(mode="json", exclude_unset=True)
-    photo = replace(photo, how=replace(photo.how, **seen, camera=seen_by))
+    photo = replace(photo, how=replace(photo.how, **of_view, camera=seen_by))
     numbers, lines = _scored(view, optics, fidelity, photo, compute)
     numbers |= plan_figures(plan, watch.seconds["plan"])
     outputs = {

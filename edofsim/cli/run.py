@@ -70,7 +70,7 @@ def run(
     samples_for_0.05_db (that the restored image's whole PSNR takes to be so certain),
     noise_db.{truth,photo} (of the rendering, in the ideal image and in the photo),
     gain_db.over_{photo,lens_alone,wiener} of the restored image,
-    seconds.{render,plan,plan_lens_alone,expose,lens_alone,psfs,restore,wiener,score,report,total},
+    seconds.{render,guess,plan,plan_lens_alone,expose,lens_alone,psfs,restore,wiener,score,report,total},
     seconds.processor (of all cores, start included), peak_memory_mib, render_noise, plan.share_of_saved
     (planning against the seconds that it saves), and what `edofsim plan` says; plan_lens_alone.* of the
     plan of the photo through the lens alone, for `noise` where `restored` is asked for.

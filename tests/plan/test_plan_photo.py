@@ -34,12 +34,13 @@ from edofsim.plan import (
     thumbnail,
 )
 from edofsim.plan.costs import WORTH_S
+from edofsim.plan.effects import sub_apertures
 from edofsim.plan.estimate import estimate
-from edofsim.plan.facts import facts_of
+from edofsim.plan.facts import facts_of, rms
 from edofsim.plan.photo import allowed_error
 from edofsim.plan.spectra import Spectra
 from edofsim.plan.work import work_of
-from edofsim.recipe import CameraRecipe, load_scene
+from edofsim.recipe import CameraRecipe, load_camera, load_scene
 from edofsim.recipe.camera import PsfSettings, Sensor
 from edofsim.render.view import View
 
@@ -459,6 +460,22 @@ def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known_or_gues
         (known.plan(parse_target("full", None)), known.facts.full.sub_apertures),
     ):
         assert capture(scene(STEP, hidden=True), CAMERA, plan.fidelity).how.sub_apertures == parts
+
+
+def test_few_parts_are_not_trusted_where_two_and_three_show_the_same_by_luck(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """Through a mask 3 x 3 are taken to leave out a share, even where 2 x 2 show all that they do."""
+    camera = Camera.from_recipe(load_camera("paper-cubic").recipe)
+    facts = facts_of(scene(STEP, hidden=True), camera)
+    shown = torch.ones(3, facts.coarse.view.height * facts.coarse.view.width)
+    alike = {1: shown, sub_apertures.FEWEST: 0 * shown}
+    monkeypatch.setattr(
+        sub_apertures, "photo_changes", lambda facts, few, **_: [alike[each["sub_apertures"]] for each in few]
+    )
+    coarse = [level for level in sub_apertures.levels(facts) if level.change.get("sub_apertures") == 3]
+    whole, *some = map(rms, sub_apertures.differences(facts, [sub_apertures.levels(facts)[0], *coarse]))
+    assert len(some) == 2 and all(overall(each) >= 0.33 * overall(whole) for each in some)
 
 
 def test_parts_change_little_by_the_bands_and_layers_that_they_are_told_apart_in(

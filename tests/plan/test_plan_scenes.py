@@ -199,7 +199,8 @@ def test_nothing_is_asked_where_nothing_is_to_gain(cache: Path, looks: list[str]
     loaded = small("wall")
     watch = Stopwatch()
     view, plan, _ = planned_view(loaded, CAMERA, watch, cache=cache)
-    assert not looks and plan.error_db == float("inf") and set(watch.seconds) == {"render", "plan"}
+    assert not looks and plan.error_db == float("inf")
+    assert set(watch.seconds) - {"guess"} == {"render", "plan"}
     assert plan.fidelity.band_groups == 0 and plan.fidelity.spherical_aberration
     (bands,) = [d for d in plan.decisions if d.effect == "bands"]
     assert bands.error is None and "save next to no time" in bands.why

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -71,6 +72,21 @@ def test_what_a_plan_guessed_is_photographed(edofsim: Run, tmp_path: Path, monke
         assert edofsim(*command, "--out", tmp_path / str(again))[0] == 0
         assert len(guesses) == 1 + again
     assert list((tmp_path / "plans").iterdir())
+
+
+def test_both_photos_of_a_run_share_one_guess(edofsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """With the mask and without, and the plans of both; its seconds are none of the plan's."""
+    one, guesses, found = scenes(tmp_path)[0], [], guessed._found
+    depth = np.full((48, 64), 1.6)
+    depth[12:36, 20:44] = 0.6
+    np.save(tmp_path / "z.npy", depth)
+    monkeypatch.setattr(guessed, "_found", lambda *given: guesses.append(given) or found(*given))
+    told = tmp_path / "run.json"
+    options = ("--camera", "paper-cubic", "--accuracy", "40dB", "--out", tmp_path / "run", "--json", told)
+    status, said = edofsim("run", one, *options)
+    assert status == 0, said
+    assert len(guesses) == 1
+    assert json.loads(told.read_text())["figures"]["seconds.guess"] > 0
 
 
 def test_members_of_a_family_are_photographed_and_seen_in_python(edofsim: Run, tmp_path: Path):

@@ -14,7 +14,7 @@ WINDOWS = (16, 32, 48, 64, 96, 128, 192, 256, 384)
 OFF_AXIS_SHARE = 0.5
 """Share of the recipe's window below which none is looked at for a lens that varies over the field: errors
 are those of the axis, and PSFs of other places are wider."""
-SMALLEST_WINDOW_SHARE = 0.375
+SMALLEST_WINDOW_SHARE = 0.25
 """Share of the recipe's window. Windows of at least that are also seen in coarse photos with occlusion."""
 
 
