@@ -182,8 +182,7 @@ class _Work:
             return plan_alone(self.plan, facts, self.alone, overrule, target, progress=tell)
 
     def photos(self, known: View, rival: Plan) -> tuple[Photo, Photo]:
-        """The photo, and that through the lens alone, exposed alike. known: the view with what is behind its
-        edges."""
+        """The photo, and that through the lens alone, exposed alike. known: as of `composited`."""
         how = {"seed": self.seed, "device": self.compute}
         with self.watch.stage("expose", 0.7, 0.82):
             fidelity = self.plan.fidelity.of_photo()

@@ -108,10 +108,9 @@ def expose(
     pixels and few --bands; `thinlens` is geometric and for a clear aperture. With --bands N each channel's
     bands are gathered in N groups, weighted by its response: its light stays, and the groups are blurred.
 
-    Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference}, psnr_db_se.photo
-    (standard error by the noise of the rendering), seconds.{plan,render,expose,reference},
-    truncated_energy.{r,g,b}, peak_memory_mib, plan.share_of_saved (planning against the seconds that it
-    saves), and what `edofsim plan` says.
+    Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference}, psnr_db_se.photo (by the
+    noise of the rendering), seconds.{render,guess,plan,expose,reference}, truncated_energy.{r,g,b},
+    peak_memory_mib, plan.share_of_saved (of the seconds that planning saves), and what `edofsim plan` says.
     """
     if (reference is None) != (crop is None):
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")

@@ -365,16 +365,14 @@ def flattened(view: View, camera: Camera, *, encoded: bool) -> View:
         ends = (view.with_light(view.radiance + s * view.half_difference) for s in (1, -1))
         one, other = (pictured(each) for each in ends)
         half = (one - other) / 2
-    picture = pictured(view)
-    pixels = len(picture[0])
-    depth = quantised(_depth_of_most(view))
+    picture, depth = pictured(view), quantised(_depth_of_most(view))
     return replace(
         view,
-        pixel=torch.arange(pixels),
-        coverage=torch.ones(pixels),
+        pixel=torch.arange(len(depth)),
+        coverage=torch.ones(len(depth)),
         inverse_depth=depth.to(torch.float32),
         radiance=picture,
-        hidden=torch.zeros(pixels, dtype=torch.bool),
+        hidden=torch.zeros(len(depth), dtype=torch.bool),
         wavelengths=PAPER_COLOURS[order],
         half_difference=half,
     )
