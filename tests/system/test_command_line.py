@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from edofsim import console
+from edofsim.cli import invoke
+
 Run = Callable[..., tuple[int, str]]
 ROOT = Path(__file__).parents[2]
 SMALL = ROOT / "tests" / "small"
@@ -58,18 +61,18 @@ def test_quiet_commands_say_nothing_on_the_error_channel(edofsim: Run, tmp_path:
 
 
 def test_a_command_lists_what_it_wrote_and_nothing_else(
-    edofsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "diary.txt").touch()
     line = ("psf", "paper-clear", "--depths", "1,inf", "--wavelengths", "543", "--out", "out", "--quiet")
-    code = f"from edofsim.cli import main; import sys; sys.argv[1:] = {[str(w) for w in line]!r}; main()"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "diary" not in done.stdout
+    assert console.exit_status(lambda: invoke([*line])) == 0
+    said = capfd.readouterr().out
+    assert "diary" not in said
     files = [path.name for path in sorted((tmp_path / "out").iterdir()) if path.name != "diary.txt"]
     assert files == ["mtf.exr", "psf.csv", "psf.exr", "psf.png"]
-    assert all(f"out/{name}" in done.stdout for name in files)
+    assert all(f"out/{name}" in said for name in files)
     rows = (tmp_path / "out" / "psf.csv").read_text().splitlines()
     assert [row.split(",")[0] for row in rows] == ["psf", "1m.543nm", "infinity.543nm"]
 
@@ -86,6 +89,24 @@ def test_the_help_lists_experiments_without_importing_them():
     for name in EXPERIMENTS:
         about = EXPERIMENTS.about(name).split()
         assert f"  {name}  " in done.stdout and " ".join(about[:3]) in done.stdout, name
+
+
+COMPLETE = "import sys; sys.argv = ['edofsim']; from edofsim.cli import main; main()"
+
+
+@pytest.fixture
+def reader(tmp_path: Path) -> Path:
+    """A folder with files of the reader's own."""
+    (tmp_path / "kept").mkdir()
+    for name in ("mystery.toml", "mynet.safetensors", "kept/another.toml", "kept/another.txt"):
+        (tmp_path / name).touch()
+    return tmp_path
+
+
+def asked_of(typed: str) -> dict[str, str]:
+    """What a shell sets where Tab is pressed behind these words."""
+    words = f"edofsim {typed}"
+    return {"_EDOFSIM_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
 
 
 @pytest.mark.parametrize(
@@ -109,19 +130,33 @@ def test_the_help_lists_experiments_without_importing_them():
         ("expose desk --occlusion ov", ["over"]),
     ],
 )
-def test_shells_complete_commands_names_and_files(tmp_path: Path, typed: str, offered: list[str]):
-    (tmp_path / "kept").mkdir()
-    for name in ("mystery.toml", "mynet.safetensors", "kept/another.toml", "kept/another.txt"):
-        (tmp_path / name).touch()
-    code = "import sys; sys.argv = ['edofsim']; from edofsim.cli import main; main()"
-    words = f"edofsim {typed}"
-    asked = {"_EDOFSIM_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+def test_shells_complete_commands_names_and_files(
+    reader: Path,
+    typed: str,
+    offered: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+):
+    monkeypatch.chdir(reader)
+    monkeypatch.setattr(sys, "argv", ["edofsim"])
+    for name, value in asked_of(typed).items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(SystemExit) as ended:
+        invoke()
+    assert capfd.readouterr().out.split() == offered
+    assert not ended.value.code
+
+
+@pytest.mark.parametrize(
+    "typed, offered", [("run my", ["mystery.toml"]), ("evaluate predictions --mask le", ["learned"])]
+)
+def test_shells_complete_by_a_process(reader: Path, typed: str, offered: list[str]):
     done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | asked | {"PYTHONPATH": str(ROOT)},
+        [sys.executable, "-c", COMPLETE],
+        env=os.environ | asked_of(typed) | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        cwd=tmp_path,
+        cwd=reader,
     )
     assert done.stdout.split() == offered, done.stderr
     assert done.returncode == 0

@@ -41,9 +41,11 @@ Command = Callable[..., tuple[int, str]]
 def card(tmp_path: Path) -> Path:
     """A ball in front of a wall."""
     ball = 'objects = [{ kind = "wall", depth_m = 2.0 }, { kind = "sphere", depth_m = 0.8, radius_mm = 20 }]'
-    lines = [ball if line.startswith("objects") else line for line in SCENE.splitlines()]
+    frame = 'camera = "small.toml"\nframe = { width_px = 40, height_px = 32, margin_px = 24 }'
+    lines = {"objects": ball, "frame": frame}
     path = tmp_path / "card.toml"
-    path.write_text("\n".join(lines))
+    path.write_text("\n".join(lines.get(line.partition(" ")[0], line) for line in SCENE.splitlines()))
+    (tmp_path / "small.toml").write_text('name = "small"\n[psf]\nwindow_px = 48\n')
     return path
 
 

@@ -43,8 +43,10 @@ def test_wiener_deconvolution_is_told_the_camera_as_the_plan_simulates_it(
 
     monkeypatch.setattr(pipeline, "channel_psfs", noted)
     where = ("--out", tmp_path / "out", "--cache", tmp_path / "views", "--quiet")
-    effects = left_out or ("--with", "spherical aberration")
-    status, said = edofsim("run", tmp_path / "card.toml", "--camera", "paper-cubic", *effects, *where)
+    effects, network = left_out or ("--with", "spherical aberration"), ("--network", "wiener")
+    status, said = edofsim(
+        "run", tmp_path / "card.toml", "--camera", "paper-cubic", *network, *effects, *where
+    )
     assert status == 0, said
     (camera,) = told
     assert camera.lens.aberrates == (not left_out)
