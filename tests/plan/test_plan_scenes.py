@@ -209,7 +209,7 @@ def test_nothing_is_asked_where_nothing_is_to_gain(cache: Path, looks: list[str]
 
 def test_a_time_is_planned_on_a_preview_and_rendering_is_cut_to_it(tmp_path: Path, looks: list[str]):
     """Where a time is asked for, and only there, the view is rendered with less than the recipe says."""
-    loaded = small("desk")
+    loaded = small("hallway")
     watch = Stopwatch()
     _, plan, _ = planned_view(loaded, CAMERA, watch, cache=tmp_path, target=parse_target(None, "1e-3s"))
     assert "preview" in watch.seconds and "cannot be had" in plan.note
