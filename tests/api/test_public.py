@@ -209,17 +209,15 @@ def test_a_camera_with_a_mask_of_its_own_is_restored_by_the_network_for_any_not_
     photo = torch.rand(3, 32, 32, generator=torch.Generator().manual_seed(0))
     named = edofsim.camera("paper-learned", window=32)
     own = named.with_height(torch.zeros(239, 239))
-    bands = [482e-9, 543e-9, 611e-9]
+    how = {"wavelengths": [482e-9, 543e-9, 611e-9], "depths": (1.4, 1.7)}
     any_camera, wiener, anothers = (
-        edofsim.restored(photo, own, network=network, wavelengths=bands)
+        edofsim.restored(photo, own, network=network, **how)
         for network in ("universal", "wiener", "paper-dcnn")
     )
-    found = edofsim.restored(photo, own, wavelengths=bands)
+    found = edofsim.restored(photo, own, **how)
     assert torch.equal(found, any_camera)
     assert not torch.equal(found, wiener) and not torch.equal(found, anothers)
-    by_own, linear = (
-        edofsim.restored(photo, named, network=network, wavelengths=bands) for network in (None, "wiener")
-    )
+    by_own, linear = (edofsim.restored(photo, named, network=network, **how) for network in (None, "wiener"))
     assert not torch.equal(by_own, linear)
     with pytest.raises(edofsim.InputError, match="nearest"):
         edofsim.restored(photo, named, depths=(2.0, 1.0))

@@ -30,7 +30,7 @@ name = "test-1"
 cameras = ["cubic.toml"]
 [[scenes]]
 recipe = "room.toml"
-members = 3
+members = 2
 split = "test"
 [frame]
 width_px = 48
@@ -83,7 +83,7 @@ def test_entries_of_each_kind_are_scored_by_the_same_figures(
     command += ["--data", place / "data", "--out", tmp_path / "out", "--quiet"]
     assert edofsim(*command)[0] == 0
     found = figures(tmp_path / "out" / "benchmark.json")
-    assert found["scenes"] == 3 and found["photos"] == 6
+    assert found["scenes"] == 2 and found["photos"] == 4
     assert all(
         found[f"failures.{name}"] == 0 for name in ("photo", "wiener", "images", "mine", "clear+photo")
     )
@@ -102,7 +102,7 @@ def test_entries_of_each_kind_are_scored_by_the_same_figures(
     assert {name for name in found if name.startswith("psnr_db.mine.edge")}
     assert (tmp_path / "out" / "benchmark.html").is_file()
     rows = (tmp_path / "out" / "scores.csv").read_text().splitlines()
-    assert len(rows) > 1 + 5 * 6
+    assert len(rows) > 1 + 5 * 4
     said = json.loads((tmp_path / "out" / "benchmark.json").read_text())
     assert said["benchmark"] == benchmark.identity and len(said["benchmark"]["data"]) == 64
     assert {each["name"]: each["track"] for each in said["entries"]}["clear+photo"] == "joint"
@@ -116,7 +116,7 @@ def test_seconds_are_without_set_up_and_the_counting_of_products_and_memory_is_t
 ):
     class Slow(FlopCounterMode):
         def __enter__(self) -> FlopCounterMode:
-            until = time.process_time() + 0.5
+            until = time.process_time() + 0.2
             while time.process_time() < until:
                 pass
             return super().__enter__()
@@ -126,7 +126,7 @@ def test_seconds_are_without_set_up_and_the_counting_of_products_and_memory_is_t
     Path("large.py").write_text(
         "import time\nimport torch\n\nCALLS = []\n\n\ndef restore(photo, psfs, info):\n"
         "    CALLS.append(photo)\n"
-        "    until = time.process_time() + 0.5 * (len(CALLS) % 2 == 0)\n"  # as if it set something up
+        "    until = time.process_time() + 0.2 * (len(CALLS) % 2 == 0)\n"  # as if it set something up
         "    while time.process_time() < until:\n"
         "        pass\n"
         "    large = torch.ones(4, 1024, 1024)\n"  # 16 MiB
@@ -136,7 +136,7 @@ def test_seconds_are_without_set_up_and_the_counting_of_products_and_memory_is_t
     command = ["benchmark", "score", "large.py", "--data", place / "data", "--out", tmp_path / "out"]
     assert edofsim(*command, "--quiet")[0] == 0
     found = figures(tmp_path / "out" / "benchmark.json")
-    assert found["seconds.large"] < 0.4
+    assert found["seconds.large"] < 0.15
     assert found["gmacs.large"] == pytest.approx(100**3 / 1e9)
     assert 15 < found["peak_mib.large"] < 40
 
@@ -207,7 +207,7 @@ def test_failures_are_named_and_scored_as_black_images(
     assert "48 x 39 pixels" in said and f"{missing.key}.exr or .png is missing" in said and "NaN" in said
     found = figures(tmp_path / "out" / "benchmark.json")
     assert found["failures.broken"] == 2
-    assert found["failures.nan"] == 6  # the true distances are not uses to who did not declare them
+    assert found["failures.nan"] == 4  # the true distances are not uses to who did not declare them
     levels = [level(shot.photo, shot.ideal) for shot in shots(benchmark)]
     levels[1:3] = [level(torch.zeros_like(shot.ideal), shot.ideal) for shot in (small, missing)]
     assert found["psnr_db.broken.whole"] == pytest.approx(float(np.mean(levels)), abs=0.1)

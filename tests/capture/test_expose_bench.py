@@ -8,19 +8,24 @@ import torch
 from benchmarks import photos
 from edofsim.capture import Fidelity
 from edofsim.experiments.kept import Kept
+from edofsim.optics import Camera
 
 LAYERS = (5, 9, 17, 33)
+WINDOW = 48
 
 
 @pytest.fixture(scope="module")
 def camera():
-    return photos.cameras()["clear"]
+    """That of the benchmark, with a small window."""
+    recipe = photos.cameras()["clear"].recipe
+    psf = recipe.psf.model_copy(update={"window_px": WINDOW})
+    return Camera.from_recipe(recipe.model_copy(update={"psf": psf}))
 
 
 @pytest.fixture(scope="module")
 def view(camera):
     """The benchmark's slanted surface, with a spectrum that is smooth over its bands."""
-    return photos.synthetic_view(32, 5, camera.pixel_angle, margin=64)
+    return photos.synthetic_view(32, 5, camera.pixel_angle, margin=WINDOW // 2)
 
 
 def test_what_a_user_writes_has_the_image_of_the_layers(view, camera):
@@ -33,7 +38,7 @@ def test_what_a_user_writes_has_the_image_of_the_layers(view, camera):
 
 def test_brute_force_has_the_image_of_the_layers(camera):
     """With all of its depths blurred, at as many nodes; in float64."""
-    view = photos.synthetic_view(24, 2, camera.pixel_angle, margin=64)
+    view = photos.synthetic_view(24, 2, camera.pixel_angle, margin=WINDOW // 2)
     brute, depths = photos.by_brute_force(view, camera, torch.float64, timed_depths=photos.BRUTE_DEPTHS)
     assert depths > 100
     ours = photos.by_layers(view, camera, Fidelity(layers=photos.BRUTE_DEPTHS), repeats=1)

@@ -203,11 +203,11 @@ def test_a_white_disc_before_a_white_slope_is_as_bright_as_its_place(tmp_path: P
 def test_plans_of_a_plane_out_of_focus_hold_what_is_wide_off_the_axis(tmp_path: Path):
     """Far from the axis a phone's PSFs reach farther than on it, where a window of 16 pixels holds them."""
     seen_by = Camera.from_recipe(load_camera("aspheres-5mm-f3").recipe)
-    blocks = torch.rand(3, 22, 24, generator=torch.Generator().manual_seed(1))
+    blocks = torch.rand(1, 20, 20, generator=torch.Generator().manual_seed(1))
     light = blocks.repeat_interleave(4, 1).repeat_interleave(4, 2)
     depth = 1 / seen_by.recipe.focus.distance_m + 14 / blur_per_dioptre(seen_by)
     how = {"pixel_angle": seen_by.pixel_angle, "margin": 32, "metadata": {"hidden": "none"}}
-    view = View.flat(light, depth, wavelengths=[450e-9, 550e-9, 650e-9], **how)
+    view = View.flat(light, depth, wavelengths=[550e-9], **how)
     view = replace(view, axis=(-168.0, -224.0))
     fidelity = plan_photo(view, seen_by, None, parse_target("45dB", None), every_effect=False).fidelity
     every_place = Fidelity(field_step_px=16, field_terms=False, layers_db=70.0)
@@ -355,8 +355,8 @@ def seam(image: Tensor, step: int, axis: float) -> float:
 @pytest.mark.parametrize("network", [None, "universal"])
 def test_restored_photos_have_no_seams(network: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a smooth scene, by Wiener deconvolution and the network for any camera; hard tiles have them."""
-    seen_by, axis = camera(coma=30.0, shadow=3.0).with_read_noise(0.01), (-150.0, -240.0)
-    y, x = torch.meshgrid(torch.arange(16.0 + 24), torch.arange(80.0 + 24), indexing="ij")
+    seen_by, axis = camera(coma=30.0, shadow=3.0).with_read_noise(0.01), (-150.0, -256.0)
+    y, x = torch.meshgrid(torch.arange(16.0 + 24), torch.arange(64.0 + 24), indexing="ij")
     smooth = 0.5 + 0.2 * torch.sin(x / 17) + 0.2 * torch.cos(y / 13 + x / 29)
     view = view_of(smooth.expand(3, -1, -1).clone(), seen_by, 12, axis)
     photo = capture(view, seen_by, Fidelity(field_step_px=16))
@@ -366,7 +366,7 @@ def test_restored_photos_have_no_seams(network: str | None, monkeypatch: pytest.
 
     def found() -> float:
         sharp, how = restore(photo.clean, seen_by, view.wavelengths, ends, frame=frame, checkpoint=checkpoint)
-        assert how.step_px and view.width > how.step_px
+        assert view.width == how.step_px  # two places are side by side, and the border is in the middle
         return seam(sharp, how.step_px, axis[1])
 
     with_hats = found()

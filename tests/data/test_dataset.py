@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import shutil
 import signal
@@ -60,6 +61,12 @@ def recipe(folder: Path, kind: str = "folder") -> Path:
     path = folder / f"{kind}.toml"
     path.write_text(RECIPE.replace("KIND", kind))
     return path
+
+
+@pytest.fixture(scope="module", autouse=True)
+def workers_begin_with_what_they_import() -> None:
+    """The process that others are forked from imports it once, in place of each of them."""
+    multiprocessing.set_forkserver_preload(["edofsim.data.pairs", "torch.utils.data"])
 
 
 @pytest.fixture(scope="module")

@@ -58,9 +58,20 @@ def _blur(psf: Tensor) -> Tensor:
     return matrix.reshape(3 * SIZE**2, 3 * SIZE**2)
 
 
+@pytest.fixture(scope="module")
+def blurs() -> list[Tensor]:
+    """Those of `_psfs(4)`."""
+    return [_blur(one) for one in _psfs(4)]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Tensor:
+    return _scene()
+
+
 @pytest.mark.parametrize("groups", [1, 2])
-def test_local_error_is_that_of_dense_least_squares(groups: int) -> None:
-    psf, scene = _psfs(4), _scene()
+def test_local_error_is_that_of_dense_least_squares(groups: int, blurs: list[Tensor], scene: Tensor) -> None:
+    psf = _psfs(4)
     support, middle = 3, SIZE // 2
     pixels = [
         channel * SIZE**2 + (middle + v) * SIZE + middle + u
@@ -70,7 +81,7 @@ def test_local_error_is_that_of_dense_least_squares(groups: int) -> None:
     ]
     sharp = [channel * SIZE**2 + middle * SIZE + middle for channel in range(3)]
     covariances, crosses = [], []
-    for blur in (_blur(one) for one in psf):
+    for blur in blurs:
         covariance = blur @ scene @ blur.T + NOISE**2 * torch.eye(3 * SIZE**2, dtype=torch.float64)
         covariances.append(covariance[pixels][:, pixels])
         crosses.append((scene @ blur.T)[sharp][:, pixels])
@@ -105,12 +116,13 @@ def test_wiener_error_is_that_of_a_dense_filter_for_one_depth() -> None:
 
 
 @pytest.mark.parametrize("groups", [1, 2, 4])
-def test_colour_error_is_that_of_dense_filters_of_all_pixels_and_colours(groups: int) -> None:
-    narrow, scene = _psfs(4), _scene()
+def test_colour_error_is_that_of_dense_filters_of_all_pixels_and_colours(
+    groups: int, blurs: list[Tensor], scene: Tensor
+) -> None:
+    narrow = _psfs(4)
     psf = torch.zeros(4, 3, SIZE, SIZE, dtype=torch.float64)
     corner = SIZE // 2 - WINDOW // 2
     psf[..., corner : corner + WINDOW, corner : corner + WINDOW] = narrow
-    blurs = [_blur(one) for one in narrow]
     noise = NOISE**2 * torch.eye(3 * SIZE**2, dtype=torch.float64)
     level = torch.full((SIZE**2, SIZE**2), 1 / SIZE**2, dtype=torch.float64)
     without_mean = torch.eye(3 * SIZE**2, dtype=torch.float64) - torch.block_diag(level, level, level)

@@ -260,20 +260,24 @@ def test_the_command_line_finds_what_is_installed(site: Path, installed: Path, t
     (tmp_path / "camera.toml").write_text(recipe)
     path = os.pathsep.join([str(site), str(installed), *sys.path])
 
-    def edofsim(*words: str) -> str:
-        run = [sys.executable, "-m", "edofsim", *words]
-        where = os.environ | {"PYTHONPATH": path}
-        done = subprocess.run(run, cwd=tmp_path, env=where, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    edofsim("psf", "camera.toml", "--out", "out")
+    commands = (
+        ("psf", "camera.toml", "--out", "out"),
+        ("schema", "camera"),
+        # an experiment: its line, its options, and a run
+        ("evaluate", "--help"),
+        ("evaluate", "width", "--help"),
+        ("evaluate", "width", "--camera", "camera.toml", "--depth", "0.5", "--out", "width"),
+    )
+    code = f"from edofsim.cli import invoke\nfor each in {commands!r}:\n    invoke(each)\n    print('END')"
+    where = os.environ | {"PYTHONPATH": path}
+    run = [sys.executable, "-c", code]
+    done = subprocess.run(run, cwd=tmp_path, env=where, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    _, schema, experiments, options, *_ = done.stdout.split("END\n")
     assert (tmp_path / "out" / "psf.csv").exists()
-    assert "QuarticMask" in edofsim("schema", "camera")
-    # an experiment: its line, its options, and a run
-    assert "width  " in edofsim("evaluate", "--help")
-    assert "--depth" in edofsim("evaluate", "width", "--help")
-    edofsim("evaluate", "width", "--camera", "camera.toml", "--depth", "0.5", "--out", "width")
+    assert "QuarticMask" in schema
+    assert "width  " in experiments
+    assert "--depth" in options
     assert (tmp_path / "width" / "width.html").exists()
     assert json.loads((tmp_path / "width" / "width.json").read_text())["figures"]["width_um"] > 6
 
