@@ -46,6 +46,33 @@ def registered_for_a_test() -> Generator[None]:
         registry.look_again()
 
 
+@pytest.fixture
+def plots_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages have no plots, which take seconds: for tests of figures and photos that commands write beside
+    them."""
+    from edofsim.report.plot import Plot
+
+    empty = '<svg xmlns="http://www.w3.org/2000/svg"/>'
+    monkeypatch.setattr(Plot, "svg", lambda self, *, narrow=False: empty)
+
+
+@pytest.fixture
+def conditioned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What networks for any camera reckon from PSFs, for two seconds each time, is kept: where a test
+    restores photos of one camera by several commands, it is not what the test is about."""
+    from edofsim.restore.camera_bank import CameraBank, Conditioning
+
+    whole, known = CameraBank.condition, {}
+
+    def kept(self: CameraBank, psf: torch.Tensor, noise: float) -> Conditioning:
+        key = (repr(self.settings()), tuple(psf.shape), psf.dtype, psf.cpu().numpy().tobytes(), noise)
+        if key not in known:
+            known[key] = whole(self, psf, noise)
+        return known[key]
+
+    monkeypatch.setattr(CameraBank, "condition", kept)
+
+
 @dataclass(frozen=True)
 class Disk:
     """A file system of its own, in memory."""

@@ -111,6 +111,7 @@ def test_entries_of_each_kind_are_scored_by_the_same_figures(
     assert figures(tmp_path / "out" / "benchmark.json") == found
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_seconds_are_without_set_up_and_the_counting_of_products_and_memory_is_the_peak(
     edofsim: Run, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -141,6 +142,7 @@ def test_seconds_are_without_set_up_and_the_counting_of_products_and_memory_is_t
     assert 15 < found["peak_mib.large"] < 40
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_a_camera_like_that_of_the_benchmark_restores_its_photos(
     edofsim: Run, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -186,6 +188,7 @@ def test_regions_cover_the_frame_once(place: Path):
         assert len(masks) > 1 and bool((torch.stack(masks).sum(0) == 1).all())
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_failures_are_named_and_scored_as_black_images(
     edofsim: Run, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -253,6 +256,7 @@ def test_intervals_are_those_of_closed_forms():
     assert np.isnan(interval(values[:1]).low) and interval(values[:1] * np.nan).scenes == 0
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_entries_of_deepinv_are_left_out_with_a_sentence_where_it_is_not_installed(
     edofsim: Run, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -334,6 +334,7 @@ def test_the_sensor_saturates_and_the_truth_alike(view: View, network: Path, fol
 
 
 def test_an_interrupted_evaluation_goes_on(folder: Path, network: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(scene3d, "converged_db", lambda *about: 60.0)
     scenes = [load_scene(folder / f"{name}.toml") for name in ("cat", "cup")]
     done: list[str] = []
     whole = scene3d.measure
@@ -358,8 +359,9 @@ def test_an_interrupted_evaluation_goes_on(folder: Path, network: Path, monkeypa
 
 
 def test_the_command_names_what_is_broken_and_finishes_the_others(
-    folder: Path, network: Path, capfd: pytest.CaptureFixture[str]
+    folder: Path, network: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ):
+    monkeypatch.setattr(scene3d, "converged_db", lambda *about: 60.0)
     out = folder / "out"
     names = ["cat", "cut", "missing", "cup"]
     arguments = ["evaluate", "scene3d", *(str(folder / f"{name}.toml") for name in names)]

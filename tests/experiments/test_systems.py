@@ -181,6 +181,7 @@ def test_transfer_of_an_own_camera_goes_to_its_nyquist_frequency_and_is_in_focus
     assert max(near.values[59], far.values[59]) < 0.3
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_deep_scenes_by_lenses_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd) -> None:
     """Two lenses in one command, a function that fails, and all that is printed by one of them."""
     monkeypatch.setattr("edofsim.experiments.scene3d.scored_version", _tiny)

@@ -64,6 +64,7 @@ def test_a_kept_json_is_the_fidelity_that_it_says(card: Path):
     assert float((photos[0] - photos[2]).abs().max()) > 1e-4
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_what_a_run_wrote_gives_its_photo_again(edofsim: Command, card: Path, tmp_path: Path):
     first, again, toml = tmp_path / "first", tmp_path / "again", tmp_path / "toml"
     status, said = edofsim(

@@ -51,6 +51,7 @@ def test_a_cube_without_wavelengths_is_found_before_anything_is_rendered(
     assert not list((tmp_path / "c").glob("*.exr"))
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_a_view_is_resampled_for_another_camera_on_request_alone(edofsim: Run, tmp_path: Path):
     """A scene of 48 x 32 pixels of half the camera's angle: refused before anything is rendered, with the
     option that helps; with it, a photo of 24 x 16 pixels, as of the same scene seen by its pixels."""
@@ -101,6 +102,7 @@ def test_pictures_of_views_that_are_read(edofsim: Run, scenes, tmp_path: Path):
     assert names == {path.name for path in (tmp_path / "o").iterdir()}
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_a_picture_is_also_shown_in_the_colours_that_were_given(edofsim: Run, tmp_path: Path):
     """The sensor's own colours are others: it shows them only where it is asked to."""
     given = np.zeros((128, 160, 3), np.uint8)

@@ -25,6 +25,7 @@ objects = [{ kind = "wall", depth_m = 2.0 }]
 """
 
 
+@pytest.mark.usefixtures("plots_left_out")
 @pytest.mark.parametrize("left_out", [(), ("--without", "spherical aberration")])
 def test_wiener_deconvolution_is_told_the_camera_as_the_plan_simulates_it(
     tmp_path: Path,

@@ -22,6 +22,7 @@ from edofsim.restore import scores
 from edofsim.restore.gains import RIVALS
 from edofsim.restore.scores import image_psnr
 
+pytestmark = pytest.mark.usefixtures("plots_left_out")
 Command = Callable[..., tuple[int, str]]
 SCENE = """\
 name = "cat"
@@ -83,6 +84,7 @@ def shared_figures(one: Mapping[str, float], other: Mapping[str, float]) -> list
     return shared
 
 
+@pytest.mark.usefixtures("conditioned_once")
 @pytest.mark.parametrize("camera", MASKS)
 def test_commands_of_one_photo_agree(
     edofsim: Command, folder: Path, camera: str, monkeypatch: pytest.MonkeyPatch
