@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from pydantic import create_model
 
+from edofsim.cli import invoke
 from edofsim.recipe import shipped_folder
 from edofsim.recipe.described import descriptions
 from edofsim.recipe.kinds import OBJECTS
@@ -65,8 +64,6 @@ def test_each_shipped_recipe_points_to_its_schema(path: Path, kind: str, schema:
     assert (path.parent / schema).resolve() == (ROOT / "schema" / f"{kind}.json").resolve()
 
 
-def test_the_command_prints_valid_json():
-    done = subprocess.run(
-        [sys.executable, "-m", "edofsim", "schema", "camera"], capture_output=True, text=True, check=True
-    )
-    assert json.loads(done.stdout) == json_schema(model_of("camera"), "edofsim camera recipe")
+def test_the_command_prints_valid_json(capfd: pytest.CaptureFixture[str]):
+    invoke(["schema", "camera"])
+    assert json.loads(capfd.readouterr().out) == json_schema(model_of("camera"), "edofsim camera recipe")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import pytest
@@ -114,13 +115,17 @@ def test_a_bank_takes_values_beyond_full_scale_by_their_logarithm() -> None:
     assert float(compressed(torch.tensor(60.0))) < 6
 
 
+_kept_network = functools.cache(_random_network)
+"""For tests that leave it as it is: to make one takes longer than to use it."""
+
+
 @pytest.mark.parametrize("kind", NETWORKS)
 @settings(max_examples=8, deadline=None)
 @given(rows=st.integers(1, 40), columns=st.integers(1, 40))
 def test_any_size_in_same_size_out(kind: str, rows: int, columns: int) -> None:
     photo = torch.rand(1, 3, rows, columns, generator=torch.Generator().manual_seed(1))
     with torch.no_grad():
-        restored = _random_network(kind)(photo)
+        restored = _kept_network(kind)(photo)
     assert restored.shape == photo.shape
     assert restored.min() >= 0 and restored.max() <= 1
 

@@ -235,6 +235,7 @@ def test_numbers_beyond_all_reason(edofsim: Run, tmp_path: Path, command: str):
     assert not (tmp_path / "cache").exists()
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_the_largest_seed_is_one(edofsim: Run, tmp_path: Path):
     """64 bits, everywhere that a seed goes."""
     largest, where = str(2**64 - 1), ("--out", tmp_path / "out", "--quiet")
