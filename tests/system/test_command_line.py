@@ -139,6 +139,7 @@ def test_shells_complete_commands_names_and_files(
 ):
     monkeypatch.chdir(reader)
     monkeypatch.setattr(sys, "argv", ["edofsim"])
+    monkeypatch.setattr(sys.modules["__main__"], "__package__", None)  # as of a script of that name
     for name, value in asked_of(typed).items():
         monkeypatch.setenv(name, value)
     with pytest.raises(SystemExit) as ended:
