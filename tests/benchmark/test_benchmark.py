@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import shutil
 import time
@@ -20,7 +21,8 @@ from edofsim.benchmark.score import regions_of
 from edofsim.benchmark.statistics import differences, interval
 from edofsim.capture.files import write_image
 from edofsim.recipe.load import load_dataset, shipped_folder
-from edofsim.restore.scores import psnr, within_scale
+from edofsim.restore.scores import level_and_error, psnr, within_scale
+from edofsim.restore.truth import Truth
 
 Run = Callable[..., tuple[int, str]]
 ROOM = (Path(__file__).parents[1] / "small" / "room.toml").read_text()
@@ -101,8 +103,12 @@ def test_entries_of_each_kind_are_scored_by_the_same_figures(
     assert {name for name in found if name.startswith("psnr_db.mine.depth")}
     assert {name for name in found if name.startswith("psnr_db.mine.edge")}
     assert (tmp_path / "out" / "benchmark.html").is_file()
-    rows = (tmp_path / "out" / "scores.csv").read_text().splitlines()
-    assert len(rows) > 1 + 5 * 4
+    rows = list(csv.DictReader((tmp_path / "out" / "scores.csv").read_text().splitlines()))
+    assert len(rows) > 5 * 4
+    # standard errors are those of `expose`, by the noise of the rendering
+    errors = [float(r["psnr_db_se"]) for r in rows if (r["entry"], r["region"]) == ("photo", "whole")]
+    own = [Truth(shot.ideal, shot.noise).compared(shot.photo, shot.noise.image) for shot in shots(benchmark)]
+    assert errors == pytest.approx([level_and_error(*each)[1] for each in own], rel=1e-3) and min(errors) > 0
     said = json.loads((tmp_path / "out" / "benchmark.json").read_text())
     assert said["benchmark"] == benchmark.identity and len(said["benchmark"]["data"]) == 64
     assert {each["name"]: each["track"] for each in said["entries"]}["clear+photo"] == "joint"
