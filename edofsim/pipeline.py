@@ -182,11 +182,13 @@ class _Work:
             return plan_alone(self.plan, facts, self.alone, overrule, target, progress=tell)
 
     def photos(self, known: View, rival: Plan) -> tuple[Photo, Photo]:
-        """The photo, and that through the lens alone, exposed alike. known: as of `composited`."""
+        """The photo, and that through the lens alone, exposed alike. known: the view with what is behind its
+        edges."""
         how = {"seed": self.seed, "device": self.compute}
         with self.watch.stage("expose", 0.7, 0.82):
             fidelity = self.plan.fidelity.of_photo()
-            photo = capture(composited(self.view, known, fidelity), self.optics, fidelity, **how)
+            seen = known if fidelity.uncovers else self.view
+            photo = capture(seen, self.optics, fidelity, **how)
             photo = with_predicted(photo, self.plan)
         if self.compute == "cpu":
             learn_rates(self.plan.seconds, photo.seconds)
@@ -194,7 +196,7 @@ class _Work:
             if self.bare:
                 return photo, photo
             taken, exposure = rival.fidelity.of_photo(), photo.exposure
-            seen = composited(self.view, known, taken)
+            seen = known if taken.uncovers else self.view
             return photo, capture(seen, self.alone, taken, exposure=exposure, **how)
 
     def psfs(self) -> tuple[Tensor, Tensor]:
@@ -327,12 +329,6 @@ def _behind_edges(view: View, camera: Camera, watch: Stopwatch) -> View:
         return view
     with watch.stage("guess", 0.6, 0.62):
         return with_guessed(view, camera)
-
-
-def composited(view: View, known: View, fidelity: Fidelity) -> View:
-    """Which of them a photo of a fidelity is made of. known: the view with what is behind its edges, be it
-    guessed."""
-    return known if fidelity.occlusion == "hidden" and fidelity.hidden_surfaces else view
 
 
 def _replayed_view(

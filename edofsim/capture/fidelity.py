@@ -188,6 +188,11 @@ class Fidelity:
         if problems:
             raise InputError(problems)
 
+    @property
+    def uncovers(self) -> bool:
+        """Whether what lies behind edges is composited."""
+        return self.occlusion == "hidden" and self.hidden_surfaces
+
     def changed(self, change: Mapping[str, object]) -> Fidelity:
         """The same but for some fields; simplifications and kinds are added to those that are there.
 

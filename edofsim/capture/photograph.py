@@ -267,9 +267,7 @@ def axes_of(
 def as_composited(view: View, camera: Camera, fidelity: Fidelity) -> View:
     """The view with what a fidelity composites behind its edges: guessed where that is not known (see
     `with_guessed`), unless it leaves hidden surfaces out or takes another way."""
-    if fidelity.occlusion != "hidden" or not fidelity.hidden_surfaces:
-        return view
-    return with_guessed(view, camera)
+    return with_guessed(view, camera) if fidelity.uncovers else view
 
 
 def _behind(views: Sequence[View], fidelity: Fidelity) -> str:

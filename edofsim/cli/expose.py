@@ -108,9 +108,9 @@ def expose(
     pixels and few --bands; `thinlens` is geometric and for a clear aperture. With --bands N each channel's
     bands are gathered in N groups, weighted by its response: its light stays, and the groups are blurred.
 
-    Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference}, psnr_db_se.photo (by the
-    noise of the rendering), seconds.{render,guess,plan,expose,reference}, truncated_energy.{r,g,b},
-    peak_memory_mib, plan.share_of_saved (of the seconds that planning saves), and what `edofsim plan` says.
+    Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference}, psnr_db_se.photo (its
+    standard error), seconds.{render,guess,plan,expose,reference}, truncated_energy.{r,g,b}, peak_memory_mib,
+    plan.share_of_saved (seconds of planning over those that it saves), and what `edofsim plan` says.
     """
     if (reference is None) != (crop is None):
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
@@ -195,7 +195,7 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
     from ..core.memory import give_back_memory
     from ..core.stopwatch import Stopwatch
     from ..optics import Camera
-    from ..pipeline import composited, planned_view
+    from ..pipeline import planned_view
     from ..plan import learn_rates, plan_figures, with_predicted
     from ..reference import check_crop
     from ..render import is_picture
@@ -209,7 +209,7 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
         scene, optics, watch, resample=asked.resample, target=asked.target, **how
     )
     fidelity = _fidelity(plan.fidelity.of_photo(), view, asked)
-    seen = composited(view, facts.view, fidelity)
+    seen = facts.view if fidelity.uncovers else view
     del facts
     give_back_memory()
     if asked.where is not None:

@@ -183,6 +183,11 @@ class Camera:
         """Whether a mask was given in Python, in place of the recipe's or in addition."""
         return self.height_map is not None or self.amplitude is not None
 
+    @property
+    def has_mask(self) -> bool:
+        """Whether a mask stands in the aperture: the recipe's, or one given in Python."""
+        return self.mask_given or self.recipe.mask.kind != "clear"
+
     def without_gradients(self) -> Camera:
         """The same camera, whose mask does not learn."""
         maps = (None if one is None else one.detach() for one in (self.height_map, self.amplitude))

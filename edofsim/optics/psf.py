@@ -169,8 +169,7 @@ def _from_others(
 
 
 def _same_all_round(camera: Camera) -> bool:
-    clear = camera.mask.kind == "clear" and not camera.mask_given and camera.recipe.fabrication is None
-    return camera.lens.round and clear
+    return camera.lens.round and not camera.has_mask and camera.recipe.fabrication is None
 
 
 def mean_psfs(

@@ -119,7 +119,7 @@ def work_of(
     samples, finest = shape.counted.get(
         ("optics", window, *optics), lambda: _optics_of(shape, camera, fidelity, window)
     )
-    has_height = camera.mask_given or camera.recipe.mask.kind != "clear"
+    has_height = camera.has_mask
     between = shape.counted.get(("between", layers), lambda: waves_between(camera, shape, layers)) * colours
     waves = _psfs(samples, (window * finest + 2) / 2, has_height, colours, between)
     how = (fidelity.occlusion, window, layers, groups)

@@ -34,7 +34,7 @@ from edofsim.plan import (
     thumbnail,
 )
 from edofsim.plan.costs import WORTH_S
-from edofsim.plan.effects import sub_apertures
+from edofsim.plan.effects import sub_apertures, window
 from edofsim.plan.estimate import estimate
 from edofsim.plan.facts import facts_of, rms
 from edofsim.plan.photo import allowed_error
@@ -476,6 +476,22 @@ def test_few_parts_are_not_trusted_where_two_and_three_show_the_same_by_luck(
     coarse = [level for level in sub_apertures.levels(facts) if level.change.get("sub_apertures") == 3]
     whole, *some = map(rms, sub_apertures.differences(facts, [sub_apertures.levels(facts)[0], *coarse]))
     assert len(some) == 2 and all(overall(each) >= 0.33 * overall(whole) for each in some)
+
+
+def test_small_windows_are_judged_by_the_larger_of_spectra_and_coarse_photos(monkeypatch: pytest.MonkeyPatch):
+    """From a quarter of the recipe's window on: behind edges spectra alone are optimistic."""
+    camera = Camera.from_recipe(CAMERA.recipe.model_copy(update={"psf": PsfSettings(window_px=128)}))
+    facts = replace(facts_of(scene(STEP, hidden=True), camera), allowed=1.0)
+    few, full = window.levels(facts)[:-1], 128
+    little, much = torch.full((3, 4), 1e-3), torch.full((3, 4), 1e-2)
+    monkeypatch.setattr(window, "of_psfs", lambda facts, levels: [little for _ in levels])
+    monkeypatch.setattr(window, "photo_changes", lambda facts, changes: [much for _ in changes])
+    found = dict(
+        zip((level.change["window_px"] for level in few), window.differences(facts, few), strict=True)
+    )
+    assert {16, 32, 48} < found.keys()
+    for side, change in found.items():
+        assert torch.equal(change, much if side >= full / 4 else little)
 
 
 def test_parts_change_little_by_the_bands_and_layers_that_they_are_told_apart_in(

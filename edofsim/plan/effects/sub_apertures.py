@@ -20,7 +20,7 @@ FEWEST = 2
 LEFT_BY_FEWER = 0.6
 """What 3 x 3 leave out, of what 2 x 2 leave out of what 3 x 3 show."""
 LEAST_LEFT_BY_FEWER = 0.33
-"""Through a mask, which parts light that 2 x 2 and 3 x 3 may hold alike by luck."""
+"""At least, through a mask: 2 x 2 and 3 x 3 may show the same there, and 6 x 6 something else."""
 LEFT_BY_COARSE = 1.7, 1.2, 0.064
 """And what pixels this many times as wide leave out of the change: the first times what averages over pixels
 of another width leave out, times the ratio of the widths to the power of the second; and at least the third
@@ -66,7 +66,7 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     seen, *by_fewest = photo_changes(facts, few, sub_apertures=most)
     fewer = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
     fewer *= sum(map(_size, by_fewest)) / max(_size(seen), 1e-30)
-    if facts.camera.mask_given or facts.camera.recipe.mask.kind != "clear":
+    if facts.camera.has_mask:
         fewer = max(fewer, LEAST_LEFT_BY_FEWER)
     whole = seen / SEEN
     coarse = facts.coarse
