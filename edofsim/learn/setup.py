@@ -22,6 +22,7 @@ from ..recipe.camera import CameraRecipe
 from ..recipe.kinds import MASKS
 from ..recipe.load import Loaded, load_camera
 from ..recipe.train import TrainRecipe
+from ..restore.bfloat16 import multiplied_fast
 from ..restore.checkpoint import history_of, load_checkpoint
 from ..restore.losses import LossWeights, restoration_loss
 from ..restore.network import build_network, network_class
@@ -118,6 +119,7 @@ def prepare(
         network, auxiliary = _with_auxiliary(recipe, camera, network, maps_of(mask).height)
     loss = None if given is None else given.loss
     loss = loss.to(workers.device) if isinstance(loss, nn.Module) else loss
+    numbers = recipe.optimiser.precision
     weights = LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma)
     system = System(
         optics,
@@ -127,7 +129,7 @@ def prepare(
         recipe.loss.truncated_energy,
         recipe.doe.height_noise_nm * 1e-9,
         recipe.capture.inverse_depth_per_m,
-        bfloat16=use_bfloat16(recipe.optimiser.precision, workers.device),
+        bfloat16=multiplied_fast(workers.device) if numbers == "auto" else numbers == "bfloat16",
         light_kept=recipe.loss.light_kept,
     )
     system.to(workers.device)
@@ -150,16 +152,6 @@ def _check_varying(recipe: TrainRecipe, camera: CameraRecipe, network: Restorer)
     varies = f"the PSFs of the lens {camera.lens.kind!r} vary over the frame"
     if problems:
         raise InputError([f"{varies}, and {problem}" for problem in problems])
-
-
-def use_bfloat16(precision: str, device: torch.device) -> bool:
-    """`auto` takes bfloat16 where the processor multiplies it: elsewhere it is several times slower."""
-    if precision != "auto":
-        return precision == "bfloat16"
-    if device.type == "cuda":
-        return torch.cuda.is_bf16_supported()
-    checks = ("_is_amx_tile_supported", "_is_avx512_bf16_supported")
-    return any(getattr(torch.cpu, name, lambda: False)() for name in checks)
 
 
 def build_mask(

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from ..errors import InputError
+from .bfloat16 import convolved
 from .blur_likelihood import STEP
 from .borders import continued
 from .distances import DepthConditioned
@@ -150,16 +151,19 @@ class DCnn(DepthConditioned):
         sharp = self._sharp(photo, self.likely(photo)) if self.training else self.unclamped(photo)
         return sharp.clamp(0, 1)
 
-    def unclamped(self, photo: Tensor) -> Tensor:
+    def unclamped(self, photo: Tensor, *, rounded: bool = False) -> Tensor:
         """As in use, without the clamp.
 
         photo: [batch, 3, y, x], full scale 1.
+        rounded: whether its layers hand on bfloat16, where no gradient is asked for and the photo is float32:
+            half the time, and an image that differs by 0.001 of full scale (root mean square).
         """
         reach = self.reach + REFINED
         beyond, likely = continued(photo, reach), self.likely(photo)
         if not any(layer.training for layer in self.residual if isinstance(layer, nn.BatchNorm2d)):
             beyond = beyond.contiguous(memory_format=torch.channels_last)
-            return self._by_fixed_statistics(beyond, likely)
+            rounded = rounded and photo.dtype == torch.float32 and not torch.is_grad_enabled()
+            return self._by_fixed_statistics(beyond, likely, torch.bfloat16 if rounded else photo.dtype)
         if likely is not None:
             likely = functional.pad(likely, (reach,) * 4, mode="replicate")
         rows, columns = (slice(reach, reach + size) for size in photo.shape[-2:])
@@ -199,20 +203,24 @@ class DCnn(DepthConditioned):
             found.append((weight, bias))
         return found
 
-    def _by_fixed_statistics(self, beyond: Tensor, likely: Tensor | None) -> Tensor:
+    def _by_fixed_statistics(self, beyond: Tensor, likely: Tensor | None, numbers: torch.dtype) -> Tensor:
         """The same of a photo that goes on for `radius` pixels, which become its border and are left out
         layer by layer. Each normalisation, whose statistics are fixed, is folded into the convolution
-        before it: fewer passes over memory, the same image but for rounding."""
+        before it: fewer passes over memory, the same image but for rounding.
+
+        numbers: what the layers hand on. The first sees the photo as it is: its grey levels are finer than
+            bfloat16's.
+        """
         *convolutions, last = self._folded()
         seen = beyond
         for (weight, bias), dilation in zip(convolutions, self.dilations, strict=True):
-            seen = functional.conv2d(seen, weight, bias, dilation=dilation)
+            seen = convolved(seen, weight, bias, dilation).to(numbers)
             seen = functional.leaky_relu_(seen, LEAK)
         if likely is not None:
             likely = functional.pad(likely, (REFINED,) * 4, mode="replicate")
-        residual = _weighed(functional.conv2d(seen, *last), likely)
+        residual = _weighed(convolved(seen, *last).to(beyond.dtype), likely)
         left = self.reach
-        sharp = beyond[..., left:-left, left:-left] + residual.to(beyond.dtype)
+        sharp = beyond[..., left:-left, left:-left] + residual
         with torch.autocast(beyond.device.type, enabled=False):
             for layer in self.refine:
                 assert isinstance(layer, nn.ConvTranspose2d)

@@ -180,9 +180,9 @@ class FilterBank(DepthConditioned):
         beyond = continued(photo, reach) if reach else photo
         if self.dcnn is None:
             return beyond
-        with torch.no_grad():
+        with torch.no_grad(), torch.autocast(photo.device.type, enabled=False):
             # of a lamp far beyond full scale it would make a halo: it has no logarithm (`compressed`)
-            image = self.dcnn.unclamped(photo.clamp_max(1 + BEYOND)).to(photo.dtype)
+            image = self.dcnn.unclamped(photo.clamp_max(1 + BEYOND), rounded=True).to(photo.dtype)
         return torch.cat([beyond, functional.pad(image, (reach,) * 4, mode="replicate")], 1)
 
     def _restored(self, photo: Tensor) -> Tensor:
