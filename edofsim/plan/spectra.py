@@ -147,11 +147,13 @@ class Spectra:
     def by_psfs(self, fidelity: Fidelity, reference: Fidelity) -> Tensor:
         """What other PSFs change: those of a fidelity against those of another, in every band; or at one
         wavelength a channel where the pupil is sampled more finely than for other estimates, and then at
-        few depths where its focus stays."""
+        few depths where its focus stays. Of samples within pixels each band errs in its own way: no few
+        stand for all."""
         quick = reference.pupil_sampling_um == self.full.pupil_sampling_um
         refocused = fidelity.lens_dispersion != reference.lens_dispersion
         nodes = self.nodes_of_light(NODES if quick or refocused else FEW_NODES)
-        gathering, shares = self._few_bands
+        alike = fidelity.oversampling == reference.oversampling
+        gathering, shares = self._few_bands if alike else self._some_bands(self.view.bands)
         if not quick:
             gathering = self.gathering(1, nodes)
         other, same = (
@@ -203,10 +205,13 @@ class Spectra:
 
     @cached_property
     def _few_bands(self) -> tuple[Gathering, Tensor]:
+        return self._some_bands(BANDS)
+
+    def _some_bands(self, most: int) -> tuple[Gathering, Tensor]:
         """Bands that stand for all, those between by linear interpolation; and what each channel sees of each
         band by the PSFs of one of these, [channel, few, band] float64."""
         bands = self.view.wavelengths.double()
-        some = torch.linspace(0, bands.numel() - 1, min(bands.numel(), BANDS)).round().long()
+        some = torch.linspace(0, bands.numel() - 1, min(bands.numel(), most)).round().long()
         between = hat(bands, bands[some])
         return every_band(bands[some], self.response[:, some]), torch.einsum(
             "cb,bw->cwb", self.response.double(), between
