@@ -11,7 +11,7 @@ from edofsim.experiments.kept import Kept
 from edofsim.optics import Camera
 
 LAYERS = (5, 9, 17, 33)
-WINDOW = 48
+WINDOW = 32
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def camera():
 @pytest.fixture(scope="module")
 def view(camera):
     """The benchmark's slanted surface, with a spectrum that is smooth over its bands."""
-    return photos.synthetic_view(32, 5, camera.pixel_angle, margin=WINDOW // 2)
+    return photos.synthetic_view(32, 3, camera.pixel_angle, margin=WINDOW // 2)
 
 
 def test_what_a_user_writes_has_the_image_of_the_layers(view, camera):

@@ -25,8 +25,8 @@ from edofsim.plan import parse_target, plan_photo
 from edofsim.recipe.load import load_camera
 from edofsim.render.view import View
 
-PIXELS = (24, 32)
-AXIS = (-120.0, -170.0)
+PIXELS = (16, 32)
+AXIS = (-112.0, -176.0)
 BANDS = torch.linspace(500e-9, 600e-9, 2, dtype=torch.float64)
 
 
@@ -62,7 +62,7 @@ def no_glare() -> Iterator[None]:
 
 
 def photo(view: View, camera: Camera, folder: Path, **how: object) -> Photo:
-    return capture(view, camera, Fidelity(layers_db=80.0, **how), exposure=1.0, cache=folder)
+    return capture(view, camera, Fidelity(layers_db=70.0, **how), exposure=1.0, cache=folder)
 
 
 def db(error: torch.Tensor) -> float:

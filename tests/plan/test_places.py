@@ -15,7 +15,7 @@ from edofsim.recipe import CameraRecipe
 from edofsim.recipe.load import load_camera
 from edofsim.render.view import View
 
-HEIGHT, WIDTH, MARGIN = 48, 72, 16
+HEIGHT, WIDTH, MARGIN = 32, 48, 16
 EXPOSURE = 0.8
 
 
@@ -27,10 +27,10 @@ def seen_through(name: str, focal_mm: float, pixel_um: float) -> tuple[Camera, V
     keys = {"lens": lens, "sensor": sensor, "psf": {"window_px": 2 * MARGIN}}
     camera = Camera.from_recipe(CameraRecipe.model_validate(recipe.model_dump() | keys))
     rows, columns = HEIGHT + 2 * MARGIN, WIDTH + 2 * MARGIN
-    squares = torch.rand(5, rows // 4, columns // 4, generator=torch.Generator().manual_seed(1))
+    squares = torch.rand(3, rows // 4, columns // 4, generator=torch.Generator().manual_seed(1))
     depth = torch.full((rows, columns), 1 / recipe.focus.distance_m)
     depth[:, columns // 2 :] = 0.2
-    how = {"wavelengths": torch.linspace(450e-9, 650e-9, 5), "pixel_angle": camera.pixel_angle}
+    how = {"wavelengths": torch.linspace(450e-9, 650e-9, 3), "pixel_angle": camera.pixel_angle}
     light = squares.repeat_interleave(4, 1).repeat_interleave(4, 2)
     return camera, View.flat(light, depth, margin=MARGIN, metadata={"hidden": "none"}, **how)
 

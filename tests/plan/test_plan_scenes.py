@@ -28,14 +28,14 @@ from edofsim.render.view import View
 from edofsim.restore.scores import psnr
 from edofsim.scene.family import member
 
-CAMERA = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=48)))
+CAMERA = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=32)))
 
 
 def small(name: str):
     """A shipped scene: the middle of its frame, two samples a pixel."""
     loaded = load_scene(name)
     recipe = loaded.recipe
-    frame = recipe.frame.model_copy(update={"width_px": 48, "height_px": 40, "margin_px": 24})
+    frame = recipe.frame.model_copy(update={"width_px": 40, "height_px": 32, "margin_px": 16})
     few = recipe.render.model_copy(update={"samples": 2})
     return replace(loaded, recipe=recipe.model_copy(update={"frame": frame, "render": few}))
 

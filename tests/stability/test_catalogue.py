@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hard_cases import CASES, convergence
+from hard_cases import CASES, convergence, written_photos
 
 from edofsim.errors import InputError
 from edofsim.optics import Camera
@@ -26,6 +26,17 @@ SLOW = {
     ids=lambda case: case.name.replace(" ", "-"),
 )
 def test_case_holds(case: Case):
+    """Photos through two masks each; `make test-all` takes all."""
+    holds(written_photos.QUICK.get(case.name, case))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", written_photos.CASES, ids=lambda case: case.name.replace(" ", "-"))
+def test_photos_hold_through_every_mask(case: Case):
+    holds(case)
+
+
+def holds(case: Case) -> None:
     result = run_case(case)
     assert not result.failed
     assert result.findings

@@ -4,7 +4,7 @@ sides."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from hashlib import sha256
 
 from torch import Tensor
@@ -64,3 +64,15 @@ def _psfs(camera: Camera, nanometres: float, window: int, inverse_depths: Sequen
 WRITTEN_OUT = Source(_psfs, lambda _, nanometres: sensor_response(nanometres))
 
 CASES: tuple[Case, ...] = photo_cases_of(small_cameras, WRITTEN_OUT)
+
+
+def _two(number: int) -> dict[str, Camera]:
+    cameras = small_cameras()
+    masks = [name for name in cameras if name != "free"]
+    return {name: cameras[name] for name in (masks[number % len(masks)], "free")}
+
+
+QUICK: dict[str, Case] = {
+    case.name: photo_cases_of(partial(_two, number), WRITTEN_OUT)[number] for number, case in enumerate(CASES)
+}
+"""The same through two masks each: the free one, and the others in turn."""
