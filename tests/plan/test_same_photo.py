@@ -28,6 +28,7 @@ from edofsim.plan import (
     costs,
     planner_of,
     rates,
+    remember,
 )
 from edofsim.plan.costs import Costs
 from edofsim.plan.effect import Effect, Level
@@ -157,24 +158,20 @@ def test_the_choice_is_the_same_whatever_rendering_takes_here(planners):
     assert len(plans) == 1
 
 
-IN_A_PROCESS = """
-import sys
-from pathlib import Path
-from tests.plan.test_same_photo import chosen, planner_for
-print(chosen(planner_for("desk", "relief", Path(sys.argv[1]))))
-"""
-
-
 def test_the_choice_is_the_same_for_any_count_of_threads_and_in_an_empty_home(
-    planners, cache: Path, tmp_path: Path
+    planners, cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """A process of its own with two threads, for one here, which shares the views and nothing else."""
-    own = {"OMP_NUM_THREADS": "2", "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    command, root = [sys.executable, "-c", IN_A_PROCESS, str(cache)], Path(__file__).parents[2]
-    done = subprocess.run(
-        command, env={**os.environ, **own}, cwd=root, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines() == [str(chosen(planners["desk", "relief"]))]
+    """A planner of two threads, for one of one, which shares the views and no file else."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(remember, "_folder", lambda: tmp_path / "plans")
+    first, threads = chosen(planners["desk", "relief"]), torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        again = planner_for("desk", "relief", cache)
+        assert any((tmp_path / "plans").iterdir()) and chosen(again) == first
+    finally:
+        torch.set_num_threads(threads)
 
 
 def made_up(draw: random.Random) -> tuple[Estimates, Callable[[choose.Chosen], float]]:

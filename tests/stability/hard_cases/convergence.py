@@ -41,7 +41,7 @@ class Taker:
     """A camera with a mask; None in its place where that of another case has the same lens, which is then not
     judged alone once more. within: inverse depths [1/m] that scenes are moved and squeezed into, where lenses
     are so fast that a pupil for all depths would take minutes a PSF. target: what is asked for. layers: of
-    the converged photo. bands, height, width: of the crop."""
+    the converged photo. bands: of the view."""
 
     make: Callable[[], Camera]
     masked: bool = True
@@ -50,8 +50,6 @@ class Taker:
     target: Target = Target()
     layers: int = LAYERS
     bands: int = BANDS
-    height: int = HEIGHT
-    width: int = WIDTH
 
 
 def shipped(name: str, mask: Mapping[str, object] | None = None) -> Camera:
@@ -88,13 +86,15 @@ CAMERAS: Mapping[str, Taker] = {
 QUICK = "35 mm f/4 before a picture"
 
 
-def view_of(scene: str, camera: Camera, how: Taker) -> View:
+def view_of(
+    scene: str, camera: Camera, within: tuple[float, float] | None = None, count: int = BANDS
+) -> View:
     """The crop of a scene with the most depth edge in it, in the camera's pixels, with a margin that holds
     its PSFs."""
     loaded = load_scene(scene)
     recipe = loaded.recipe
     few = recipe.render.model_copy(update={"samples": SAMPLES})
-    bands = recipe.bands.model_copy(update={"count": how.bands})
+    bands = recipe.bands.model_copy(update={"count": count})
     recipe = framed(recipe.model_copy(update={"bands": bands, "render": few}), camera, resample=True)
     _, view = seen_through(camera, recipe, render(recipe, loaded.base))
     depth = view.crop_margin(view.mean_inverse_depth())
@@ -103,18 +103,16 @@ def view_of(scene: str, camera: Camera, how: Taker) -> View:
     steps[:, :-1] += depth.diff(dim=1).abs().clamp_max(1)
     places = [
         (top, left)
-        for top in range(0, view.height - how.height + 1, how.height // 2)
-        for left in range(0, view.width - how.width + 1, how.width // 2)
+        for top in range(0, view.height - HEIGHT + 1, HEIGHT // 2)
+        for left in range(0, view.width - WIDTH + 1, WIDTH // 2)
     ]
-    top, left = max(
-        places, key=lambda at: float(steps[at[0] : at[0] + how.height, at[1] : at[1] + how.width].sum())
-    )
-    part = crop(view, top, left, how.height, how.width, camera.recipe.psf.window_px // 2)
-    if how.within is None:
+    top, left = max(places, key=lambda at: float(steps[at[0] : at[0] + HEIGHT, at[1] : at[1] + WIDTH].sum()))
+    part = crop(view, top, left, HEIGHT, WIDTH, camera.recipe.psf.window_px // 2)
+    if within is None:
         return part
     near, far = part.inverse_depth.max(), part.inverse_depth.min()
     share = (part.inverse_depth - far) / (near - far)
-    return replace(part, inverse_depth=how.within[0] + (how.within[1] - how.within[0]) * share)
+    return replace(part, inverse_depth=within[0] + (within[1] - within[0]) * share)
 
 
 def reached(view: View, camera: Camera, plan: Plan, layers: int = LAYERS) -> float:
@@ -131,7 +129,7 @@ def photos(
     camera = camera_recipe.make()
     alone = camera.without_mask()
     for scene in scenes:
-        view = view_of(scene, camera, camera_recipe)
+        view = view_of(scene, camera, camera_recipe.within, camera_recipe.bands)
         begun = time.process_time()
         facts = facts_of(view, camera)
         plan = plan_photo(view, camera, None, camera_recipe.target, every_effect=False, facts=facts)
@@ -171,9 +169,7 @@ def _case(name: str, camera_recipe: Taker, scenes: tuple[str, ...] = SCENES) -> 
 
 CASES: tuple[Case, ...] = (
     _case(
-        QUICK,
-        Taker(lambda: ideal(35, 4, 3.45, 1.0, 48), target=RESTORED, layers=160, bands=3, height=32, width=48),
-        (PICTURE,),
+        QUICK, Taker(lambda: ideal(35, 4, 3.45, 1.0, 64), target=RESTORED, layers=120, bands=3), (PICTURE,)
     ),
     *(_case(f"{name} as promised", camera_recipe) for name, camera_recipe in CAMERAS.items()),
 )
