@@ -89,7 +89,7 @@ def test_a_depth_edge_in_a_corner(corner: View, doublet: Camera, folder: Path, b
     assert db(by_axis.clean - by_places.clean) < 46
 
 
-@pytest.mark.parametrize("asked", [55, 60])
+@pytest.mark.parametrize("asked", [55, pytest.param(60, marks=pytest.mark.slow)])
 def test_plans_keep_their_promise_at_the_edge(
     asked: int, corner: View, doublet: Camera, folder: Path, by_places: Photo
 ) -> None:

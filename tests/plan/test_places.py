@@ -40,7 +40,7 @@ def seen_through(name: str, focal_mm: float, pixel_um: float) -> tuple[Camera, V
     [
         ("doublet-25mm-f6", 25.0, 20.0),
         ("doublet-25mm-f6", 25.0, 60.0),
-        ("double-gauss-50mm-f4", 50.0, 60.0),
+        pytest.param("double-gauss-50mm-f4", 50.0, 60.0, marks=pytest.mark.slow),
     ],
 )
 def test_the_axis_all_over_the_frame_errs_as_photos_do(name: str, focal_mm: float, pixel_um: float):
