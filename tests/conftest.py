@@ -7,6 +7,7 @@ import os
 import subprocess
 import tempfile
 from collections.abc import Callable, Generator
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,3 +114,37 @@ def edofsim(capfd: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]
         return status, capfd.readouterr().err
 
     return run
+
+
+@pytest.fixture
+def workers_without_torch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Workers find a PyTorch of one function, in the folder that is given: the whole takes them a second, and
+    rendering does without."""
+    folder = tmp_path / "path"
+    folder.mkdir()
+    (folder / "torch.py").write_text("def set_num_threads(count):\n    pass\n")
+    monkeypatch.syspath_prepend(folder)
+    return folder
+
+
+class _Here(Executor):
+    """Parts in this process, one after the other."""
+
+    def __init__(self, *how: object, **more: object) -> None:
+        pass
+
+    def submit(self, work: Callable[..., object], *given: object) -> Future[object]:
+        done: Future[object] = Future()
+        try:
+            done.set_result(work(*given))
+        except Exception as error:
+            done.set_exception(error)
+        return done
+
+
+@pytest.fixture
+def workers_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What workers do is done in this process: for tests of what commands make of their results."""
+    from edofsim.render import spread
+
+    monkeypatch.setattr(spread, "ProcessPoolExecutor", _Here)

@@ -37,7 +37,10 @@ def test_a_smooth_sky_is_not_looked_for_beside_a_lamp(make):
     assert sky_weight(sky=make.texture(np.ones((1, 3), np.float32), sun)) > 0
 
 
-def images(scene, settings, first=0, seeds=16):
+SETTINGS = {"angle": 2e-3, "samples": 32, "max_depth": 3, "pupil_radius": 8e-3}
+
+
+def images(scene, settings, first=0, seeds=8):
     """Visible and hidden light of each pixel, [seed, 2, pixel]; hidden light is 0 where nothing is hidden."""
     found = []
     for seed in range(first, first + seeds):
@@ -48,18 +51,20 @@ def images(scene, settings, first=0, seeds=16):
     return np.stack(found)
 
 
+@pytest.fixture(scope="module")
+def ours(mi, make):
+    return images(room(make), make.settings(16, 8, **SETTINGS))
+
+
 @pytest.mark.parametrize("other", ["light samples for the sky", "all samples behind edges"])
-def test_means_are_those_of_plain_rendering(mi, make, monkeypatch, other):
+def test_means_are_those_of_plain_rendering(ours, make, monkeypatch, other):
     """Welch's test of each pixel on independent images, its threshold corrected for their number (Sidak)."""
-    scene = room(make)
-    settings = make.settings(16, 8, angle=2e-3, samples=16, max_depth=3, pupil_radius=8e-3)
-    ours = images(scene, settings)
     if other == "light samples for the sky":
         monkeypatch.setattr(translate, "SMOOTH_SKY", 0.0)
     else:
         monkeypatch.setattr(rendering, "launches_of", lambda *arguments: [
             replace(launch, samples=launch.weight) for launch in launches_of(*arguments)])  # fmt: skip
-    plain = images(scene, settings, first=1000)
+    plain = images(room(make), make.settings(16, 8, **SETTINGS), first=1000)
     seen = (ours.var(0) + plain.var(0)) > 0
     assert seen[1].any()
 

@@ -178,8 +178,15 @@ def mixed_scene(make, sky, bands):
     return make.model(objects, sky, bands)
 
 
-@pytest.mark.parametrize("bands", [7, pytest.param(31, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("kind", ["lamp and dim even sky", "sky with a picture"])
+@pytest.mark.parametrize(
+    "kind, bands",
+    [
+        ("sky with a picture", 4),
+        pytest.param("sky with a picture", 31, marks=pytest.mark.slow),
+        pytest.param("lamp and dim even sky", 7, marks=pytest.mark.slow),
+        pytest.param("lamp and dim even sky", 31, marks=pytest.mark.slow),
+    ],
+)
 def test_same_as_packed_passes(mi, make, kind, bands):
     """All pixels and bands against Mitsuba's path integrator, three bands a pass: Welch's test on independent
     images, its threshold corrected for the number of pixels and bands (Sidak); band means within 0.3 %."""
@@ -194,7 +201,7 @@ def test_same_as_packed_passes(mi, make, kind, bands):
     else:
         sky = np.linspace(0.3, 0.1, bands)
     scene = mixed_scene(make, sky, bands)
-    settings = make.settings(16, 12, angle=0.012, samples=256, max_depth=4, hidden=False)
+    settings = make.settings(12, 9, angle=0.016, samples=256, max_depth=4, hidden=False)
     seeds = range(8)
     ours = np.stack(
         [render_model(scene, replace(settings, seed=s)).all_in_focus().astype(np.float64) for s in seeds]
@@ -205,7 +212,7 @@ def test_same_as_packed_passes(mi, make, kind, bands):
     assert smallest > 1 - (1 - 0.01) ** (1 / ours[0].size)
     # The test can fail: one ball 3 % too bright is found
     wrong = ours.copy()
-    wrong[:, :, 2:6, 3:8] *= 1.1
+    wrong[:, :, 2:5, 2:6] *= 1.1
     assert stats.ttest_ind(wrong, theirs, axis=0, equal_var=False).pvalue.min() < 1 - (1 - 0.01) ** (
         1 / ours[0].size
     )
@@ -237,7 +244,7 @@ def test_dispersive_glass_bends_each_band_by_its_own_index(mi, make):
     """Each band behind dispersive glass against a render through Mitsuba's own dielectric of that band's
     index (they differ by far more than noise), and no light gained or lost: a furnace stays white."""
     index = np.linspace(1.8, 1.4, 5)
-    settings = make.settings(12, 12, angle=0.008, samples=1024, max_depth=8, hidden=False)
+    settings = make.settings(12, 12, angle=0.008, samples=256, max_depth=8, hidden=False)
     ours = View.of(render_model(glass_scene(make, {"int_ior": index}), settings))
     assert "one band a path behind glass that disperses light (ball)" in ours.metadata["route"]
     image = ours.all_in_focus().numpy()
@@ -258,7 +265,7 @@ def test_dispersive_glass_in_a_furnace(mi, make):
     """Clear glass in light that is the same from everywhere is invisible in every band."""
     scene = glass_scene(make, {"int_ior": np.linspace(1.8, 1.4, 5)})
     ball = replace(scene, objects=scene.objects[:1])
-    settings = make.settings(12, 12, angle=0.01, samples=1024, max_depth=32, hidden=False)
+    settings = make.settings(12, 12, angle=0.01, samples=256, max_depth=32, hidden=False)
     image = render_model(ball, settings).all_in_focus()
     assert image.mean(axis=(1, 2)) == pytest.approx(1, rel=0.02)
 

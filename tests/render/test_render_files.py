@@ -8,6 +8,7 @@ import json
 import multiprocessing
 import os
 import shutil
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields, replace
 
 import numpy as np
@@ -17,7 +18,8 @@ import torch
 
 from edofsim.errors import DiskFullError, InputError
 from edofsim.recipe import SceneRecipe
-from edofsim.render import cache, cached, render, view_key
+from edofsim.render import Task, cache, cached, render, view_key
+from edofsim.render.batch import rendered
 from edofsim.render.exr import channel_name, read_view, write_view
 from edofsim.render.view import View
 
@@ -322,14 +324,10 @@ def test_prune_by_age_and_leftovers(mi, tmp_path):
 @pytest.mark.parametrize("count", [3, pytest.param(8, marks=pytest.mark.slow)])
 def test_processes_that_want_one_view(tmp_path, count):
     """All succeed, one renders, one entry is there."""
-    context = multiprocessing.get_context("spawn")
-    work = {"target": render, "args": (recipe(), tmp_path), "kwargs": {"cache": tmp_path}}
-    workers = [context.Process(**work) for _ in range(count)]
-    for worker in workers:
-        worker.start()
-    for worker in workers:
-        worker.join(300)
-    assert [worker.exitcode for worker in workers] == [0] * count
+    work = rendered, Task(recipe(), tmp_path), None, tmp_path
+    with ProcessPoolExecutor(count, multiprocessing.get_context("spawn")) as workers:
+        outcomes = [each.result(300) for each in [workers.submit(*work) for _ in range(count)]]
+    assert sum(outcome.fresh for outcome in outcomes) == 1
     assert len(cache.ls(tmp_path)) == 1 and cache.verify(tmp_path) == cache.Verified(1, ())
     assert not list(tmp_path.glob("*.damaged-*"))
 

@@ -68,12 +68,14 @@ def test_spectral_variant_renders_what_bands_cannot_share(tmp_path, caplog):
 ONE_THREAD = """
 from pathlib import Path
 from edofsim.recipe import SceneRecipe
-from edofsim.render import render
+from edofsim.render import cache
 from edofsim.render.engine import set_threads
+from edofsim.render.fetch import fetch
 import drjit, sys
 set_threads(1)
 folder = Path(sys.argv[1])
-view = render(SceneRecipe.model_validate_json((folder / "own.json").read_text()), folder, cache=folder)
+recipe = SceneRecipe.model_validate_json((folder / "own.json").read_text())
+view, _ = cache.load(fetch(recipe, folder, folder, None, "auto", None).place, aside=False)
 assert "blendbsdf" in view.metadata["route"]
 print(float(view.all_in_focus().mean()), drjit.thread_count())
 """

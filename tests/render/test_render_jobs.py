@@ -81,7 +81,6 @@ def test_same_bytes_however_samples_are_launched(mi, make, monkeypatch):
 def test_interrupted_work_goes_on_from_where_it_was(mi, make, tmp_path, monkeypatch, after):
     """Ctrl-C keeps finished launches; the second start traces only the others and gives the same bytes."""
     settings = make.settings(24, 16, angle=0.01, samples=256, pupil_radius=0.03)
-    whole = View.of(render_model(scene(make), settings))
     traced = []
     real = tracing.run_launch
 
@@ -90,6 +89,9 @@ def test_interrupted_work_goes_on_from_where_it_was(mi, make, tmp_path, monkeypa
         return real(*arguments)
 
     monkeypatch.setattr(tracing, "run_launch", counted)
+    whole = View.of(render_model(scene(make), settings))
+    needed = len(traced)
+    traced.clear()
 
     def ctrl_c(fraction, message):
         if len(traced) == after:
@@ -102,10 +104,7 @@ def test_interrupted_work_goes_on_from_where_it_was(mi, make, tmp_path, monkeypa
     assert first == after and partial.is_file()
     traced.clear()
     again = View.of(render_model(scene(make), settings, partial=partial))
-    rest = len(traced)
-    traced.clear()
-    View.of(render_model(scene(make), settings))
-    assert first + rest == len(traced)
+    assert first + len(traced) == needed
     assert same(whole, again) and again.noise == whole.noise
 
 
@@ -135,14 +134,24 @@ def test_noise_to_reach(mi, make):
     assert 2.5 < fine.metadata["samples"] / coarse.metadata["samples"] < 6
 
 
-def test_estimated_noise_is_the_true_noise(mi, make):
-    """The estimate from the scatter between passes against the difference from a long render."""
+def views_of(model, settings):
+    return [View.of(render_model(model, replace(settings, seed=seed))) for seed in range(12)]
+
+
+@pytest.fixture(scope="module")
+def of_seeds(mi, make):
+    """Settings, and the views of twelve seeds."""
     settings = make.settings(16, 12, angle=0.01, samples=32, hidden=False)
-    many = replace(settings, samples=4096, seed=99)
+    return settings, views_of(scene(make), settings)
+
+
+def test_estimated_noise_is_the_true_noise(make, of_seeds):
+    """The estimate from the scatter between passes against the difference from a long render."""
+    settings, views = of_seeds
+    many = replace(settings, samples=2048, seed=99)
     truth = View.of(render_model(scene(make), many)).all_in_focus().mean(0)
     estimated, true = [], []
-    for seed in range(4):
-        view = View.of(render_model(scene(make), replace(settings, seed=seed)))
+    for view in views:
         error = view.all_in_focus().mean(0) - truth
         true.append(float(error.square().mean().sqrt() / truth.mean()))
         estimated.append(view.noise)
@@ -150,11 +159,12 @@ def test_estimated_noise_is_the_true_noise(mi, make):
 
 
 @pytest.mark.parametrize("samples", [32, 24])
-def test_half_differences_are_as_the_views_own_noise(mi, make, samples):
+def test_half_differences_are_as_the_views_own_noise(make, of_seeds, samples):
     """Over seeds: the variance of radiance, in every band, and independent of the noise itself. Of 24 samples
     the passes are not alike (8, 8, 8): one half is twice as large as the other."""
-    settings = make.settings(16, 12, angle=0.01, samples=samples, hidden=False)
-    views = [View.of(render_model(scene(make), replace(settings, seed=seed))) for seed in range(12)]
+    settings, views = of_seeds
+    if samples != settings.samples:
+        views = views_of(scene(make), replace(settings, samples=samples))
     light = torch.stack([view.all_in_focus() for view in views]).double()
     halves = torch.stack([view.with_light(view.half_difference).all_in_focus() for view in views]).double()
     errors = light - light.mean(0)
@@ -169,14 +179,13 @@ def test_one_pass_has_no_halves(mi, make):
     assert render_model(scene(make), settings).half_difference is None
 
 
-def test_many_views(tmp_path):
+def test_many_views(tmp_path, workers_without_torch):
     """Two workers; what is in the cache is not rendered; a manifest line each; failures do not stop the
     rest."""
+    texture = {"kind": "file", "path": "no-such.png"}
     broken = recipe(
         9,
-        objects=[
-            {"kind": "wall", "depth_m": 2.0, "surface": {"kind": "matt", "reflectance": "no such spectrum"}}
-        ],
+        objects=[{"kind": "wall", "depth_m": 2.0, "surface": {"kind": "matt", "texture": texture}}],
     )
     tasks = [Task(recipe(0), tmp_path), Task(broken, tmp_path), Task(recipe(1), tmp_path)]
     render(recipe(0), tmp_path, cache=tmp_path / "cache")
@@ -184,7 +193,7 @@ def test_many_views(tmp_path):
     outcomes = render_many(tasks, cache=tmp_path / "cache", jobs=2, progress=lambda *a: said.append(a))
     assert [o.name for o in outcomes] == ["card-0", "card-9", "card-1"]
     assert [o.fresh for o in outcomes] == [False, False, True]
-    assert "no such spectrum" in outcomes[1].error and not outcomes[0].error and not outcomes[2].error
+    assert "no-such.png" in outcomes[1].error and not outcomes[0].error and not outcomes[2].error
     assert outcomes[2].samples == 8 and outcomes[2].noise > 0 and outcomes[2].seconds > 0
     lines = [json.loads(line) for line in (tmp_path / "cache" / "manifest.jsonl").read_text().splitlines()]
     assert sorted(line["name"] for line in lines) == ["card-0", "card-1", "card-9"]
@@ -256,19 +265,20 @@ if __name__ == "__main__":
 """It imports no test: these have all that they need, for seconds in every worker."""
 
 
-def start_batch(folder, count, jobs=1):
+def start_batch(folder, count, path, jobs=1):
     script = folder.parent / "batch.py"
     script.write_text(BATCH)
     recipes = json.dumps([recipe(seed).model_dump(mode="json", by_alias=True) for seed in range(count)])
     return subprocess.Popen(
         [sys.executable, str(script), str(folder), recipes, str(jobs)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(path), *sys.path])},
         start_new_session=True,
         stdout=subprocess.PIPE,
     )
 
 
 @pytest.mark.parametrize("views, kills, most_s", [(2, 2, 2), pytest.param(20, 50, 8, marks=pytest.mark.slow)])
-def test_killed_at_any_time(tmp_path, views, kills, most_s):
+def test_killed_at_any_time(tmp_path, workers_without_torch, views, kills, most_s):
     """After SIGKILLs at random moments, one run to the end: every entry is as written, none that was complete
     is rendered again, none is missing."""
     rng = np.random.default_rng(0)
@@ -282,14 +292,14 @@ def test_killed_at_any_time(tmp_path, views, kills, most_s):
             assert complete.setdefault(entry.key, stamp) == stamp, "a complete view was rendered again"
 
     for _ in range(kills):
-        process = start_batch(folder, views)
+        process = start_batch(folder, views, workers_without_torch)
         process.stdout.readline()
         time.sleep(rng.uniform(0, most_s))
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         process.stdout.close()
         remember()
-    process = start_batch(folder, views)
+    process = start_batch(folder, views, workers_without_torch)
     assert process.wait(1200) == 0
     process.stdout.close()
     remember()
@@ -314,13 +324,13 @@ def alive(pid):
 
 
 @pytest.mark.parametrize("jobs, patterns", [(1, ["*.exr"]), (2, ["*.lock", "*.exr"])])
-def test_workers_end_with_a_killed_parent(tmp_path, jobs, patterns):
+def test_workers_end_with_a_killed_parent(tmp_path, workers_without_torch, jobs, patterns):
     """SIGKILL to the parent alone, once while its workers start or render, once between two views."""
     folder = tmp_path / "cache"
     folder.mkdir()
     for pattern in patterns:
         there = set(folder.glob(pattern))
-        process = start_batch(folder, 20, jobs)
+        process = start_batch(folder, 20, workers_without_torch, jobs)
         process.stdout.readline()
         limit = time.monotonic() + 120
         while set(folder.glob(pattern)) <= there and time.monotonic() < limit:

@@ -196,12 +196,11 @@ def check(folder: Path, seed: int) -> None:
         )
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_both_routes_show_what_mitsuba_shows(seed: int, tmp_path: Path):
-    check(tmp_path, seed)
+def test_both_routes_show_what_mitsuba_shows(tmp_path: Path):
+    check(tmp_path, 0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3, 53))
+@pytest.mark.parametrize("seed", range(1, 53))
 def test_any_scene_looks_the_same_by_both_routes(seed: int, tmp_path: Path):
     check(tmp_path, seed)
