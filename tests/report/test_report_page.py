@@ -157,6 +157,7 @@ def test_text_from_recipes_stays_text(made_run):
     assert read.words.count("alert(1)") >= 10
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_plan_without_predictions_has_no_empty_columns(made_run):
     decisions = (Decision("occlusion", True, "", "edges"), Decision("noise", False, "", "none asked for"))
     plan = Plan(decisions, Fidelity())
@@ -165,6 +166,7 @@ def test_plan_without_predictions_has_no_empty_columns(made_run):
     assert {"Effect", "Simulated", "Why"} <= heads and not {"Error if left out", "Time"} & heads
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_no_value_is_a_dash_and_equal_images_are_infinite(made_run):
     whole = Score(math.inf, math.nan, 1)
     ranges = (
@@ -183,6 +185,7 @@ def test_no_value_is_a_dash_and_equal_images_are_infinite(made_run):
     assert not re.search(r"\bnan\b", read.words, re.IGNORECASE)
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_pixels_without_value_are_told(made_run):
     made = made_run(24, 32)
     restored = made.restored.clone()

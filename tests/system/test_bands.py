@@ -37,7 +37,6 @@ kind = "wall"
 depth_m = 2.0
 surface = { kind = "matt", reflectance = "COLOUR" }
 """
-SATURATED = ("red", "blue", "yellow")
 
 
 def means(path: Path) -> Tensor:
@@ -46,7 +45,9 @@ def means(path: Path) -> Tensor:
     return torch.tensor([float(channels[f"clean.{name}"].mean()) for name in "RGB"])
 
 
-@pytest.mark.parametrize("colour", SATURATED)
+@pytest.mark.parametrize(
+    "colour", ["red", *(pytest.param(name, marks=pytest.mark.slow) for name in ("blue", "yellow"))]
+)
 def test_bands_in_few_groups_keep_the_light_of_each_channel(
     tmp_path: Path, edofsim: Callable[..., tuple[int, str]], colour: str
 ):

@@ -20,7 +20,7 @@ SMALL = ROOT / "tests" / "small"
 """A scene and a camera that take a second."""
 
 
-@pytest.mark.parametrize("name", ["render", "evaluate"])
+@pytest.mark.parametrize("name", ["render", pytest.param("evaluate", marks=pytest.mark.slow)])
 def test_an_interrupt_ends_with_its_own_status_and_says_what_is_kept(name: str, tmp_path: Path):
     """A real SIGINT to a real process, as Ctrl-C sends it: 128 + 2, as shells expect."""
     scene = (SMALL / "small.toml").read_text().replace("samples = 16", "samples = 65536")
@@ -149,7 +149,11 @@ def test_shells_complete_commands_names_and_files(
 
 
 @pytest.mark.parametrize(
-    "typed, offered", [("run my", ["mystery.toml"]), ("evaluate predictions --mask le", ["learned"])]
+    "typed, offered",
+    [
+        ("run my", ["mystery.toml"]),
+        pytest.param("evaluate predictions --mask le", ["learned"], marks=pytest.mark.slow),
+    ],
 )
 def test_shells_complete_by_a_process(reader: Path, typed: str, offered: list[str]):
     done = subprocess.run(

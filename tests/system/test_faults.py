@@ -37,7 +37,7 @@ def command(tmp_path: Path) -> Callable[[str, Path], list[str | Path]]:
             where += ["--resume"] if (out / "state.safetensors").exists() else []
             return ["train", tmp_path / "train.toml", *where, "--cache", kept, "--quiet"]
         if name == "restore":
-            return ["restore", tmp_path / "photo.exr", "--camera", camera, *where]
+            return ["restore", tmp_path / "photo.exr", "--camera", camera, "--network", "wiener", *where]
         if name == "evaluate":
             return ["evaluate", "stability", "one depth", *where, "--quiet"]
         photographed = [] if name == "render" else ["--camera", camera]
@@ -93,6 +93,7 @@ def fails_then_ends(edofsim: Run, arguments: Callable[[], list[str | Path]], dis
 COMMANDS = ["run", "render", "expose", "cost", "train", "evaluate", "restore"]
 
 
+@pytest.mark.usefixtures("plots_left_out")
 @pytest.mark.parametrize("name", ["expose", "restore"])
 def test_a_disk_that_is_full_from_the_start(edofsim: Run, command, disk, name: str):
     assert fails_then_ends(edofsim, lambda: command(name, disk.folder), disk, PAGE)

@@ -92,6 +92,7 @@ def test_a_view_is_resampled_for_another_camera_on_request_alone(edofsim: Run, t
         assert status == 0, said
 
 
+@pytest.mark.usefixtures("workers_here")
 def test_pictures_of_views_that_are_read(edofsim: Run, scenes, tmp_path: Path):
     cube = scenes("cube", CUBE, "start_nm = 480\nstep_nm = 60\n")
     status, said = edofsim(
@@ -125,6 +126,7 @@ def test_a_picture_is_also_shown_in_the_colours_that_were_given(edofsim: Run, tm
         assert (np.abs(hues[0] - hues[1]).max() > 0.05) == ("--raw-colours" in command)
 
 
+@pytest.mark.usefixtures("workers_here")
 def test_what_is_done_of_a_list_is_shown_when_one_fails(
     edofsim: Run, scenes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

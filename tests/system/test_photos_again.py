@@ -19,13 +19,13 @@ from edofsim.recipe import load_camera
 Run = Callable[..., tuple[int, str]]
 
 
-def scenes(folder: Path) -> list[Path]:
+def scenes(folder: Path, margin: int = 64) -> list[Path]:
     """Two pictures with depths, of which the second is a family: its scale along the axis varies."""
     rng = np.random.default_rng(0)
     np.save(folder / "a.npy", rng.integers(0, 256, (48, 64, 3), dtype=np.uint8))
     np.save(folder / "z.npy", np.full((48, 64), 1.2))
     text = (
-        '[frame]\nwidth_px = 64\nheight_px = 48\nmargin_px = 64\npixel_angle_mrad = "auto"\n'
+        f'[frame]\nwidth_px = 64\nheight_px = 48\nmargin_px = {margin}\npixel_angle_mrad = "auto"\n'
         '[source]\nkind = "rgbd"\nimage = "a.npy"\n[source.depth]\npath = "z.npy"\nscale = 1.0\n'
     )
     family = '[[family.vary]]\nkey = "source.depth.scale"\nuniform = [1.0, 2.0]\n'
@@ -34,17 +34,20 @@ def scenes(folder: Path) -> list[Path]:
     return [folder / "one.toml", folder / "many.toml"]
 
 
+def cubic_of(folder: Path) -> Path:
+    """The shipped camera with a window for scenes with a margin of 24."""
+    path = folder / "paper-cubic.toml"
+    path.write_text(load_camera("paper-cubic").text.replace("window_px = 128", "window_px = 48"))
+    return path
+
+
 def photos(folder: Path) -> dict[str, int]:
     return {path.parent.name: path.stat().st_mtime_ns for path in folder.glob("*/photo.exr")}
 
 
 def test_photos_that_are_there_stay_and_those_that_changed_are_taken_again(edofsim: Run, tmp_path: Path):
-    made, out = scenes(tmp_path), tmp_path / "out"
-    cubic = tmp_path / "paper-cubic.toml"
-    cubic.write_text(load_camera("paper-cubic").text.replace("window_px = 128", "window_px = 48"))
-    for path in made:
-        path.write_text(path.read_text().replace("margin_px = 64", "margin_px = 24"))
-    command = ("expose", *made, "--camera", cubic, "--accuracy", "20dB", "--out", out)
+    made, out = scenes(tmp_path, 24), tmp_path / "out"
+    command = ("expose", *made, "--camera", cubic_of(tmp_path), "--accuracy", "20dB", "--out", out)
     assert edofsim(*command)[0] == 0
     first = photos(out)
     assert len(first) == 2
@@ -79,15 +82,17 @@ def test_what_a_plan_guessed_is_photographed(edofsim: Run, tmp_path: Path, monke
     assert list((tmp_path / "plans").iterdir())
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_both_photos_of_a_run_share_one_guess(edofsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """With the mask and without, and the plans of both; its seconds are none of the plan's."""
-    one, guesses, found = scenes(tmp_path)[0], [], guessed._found
+    one, guesses, found = scenes(tmp_path, 24)[0], [], guessed._found
     depth = np.full((48, 64), 1.6)
     depth[12:36, 20:44] = 0.6
     np.save(tmp_path / "z.npy", depth)
     monkeypatch.setattr(guessed, "_found", lambda *given: guesses.append(given) or found(*given))
     told = tmp_path / "run.json"
-    options = ("--camera", "paper-cubic", "--accuracy", "40dB", "--out", tmp_path / "run", "--json", told)
+    options = ("--camera", cubic_of(tmp_path), "--accuracy", "40dB", "--network", "wiener")
+    options += ("--out", tmp_path / "run", "--json", told)
     status, said = edofsim("run", one, *options)
     assert status == 0, said
     assert len(guesses) == 1
@@ -95,14 +100,14 @@ def test_both_photos_of_a_run_share_one_guess(edofsim: Run, tmp_path: Path, monk
 
 
 def test_members_of_a_family_are_photographed_and_seen_in_python(edofsim: Run, tmp_path: Path):
-    many, out = scenes(tmp_path)[1], tmp_path / "out"
+    many, out = scenes(tmp_path, 24)[1], tmp_path / "out"
     command = (
         "expose",
         many,
         "--members",
         "3",
         "--camera",
-        "paper-cubic",
+        cubic_of(tmp_path),
         "--accuracy",
         "20dB",
         "--out",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,17 +12,20 @@ from pathlib import Path
 import pytest
 
 from edofsim.cli import angles
+from edofsim.core.store import user_folder
 from edofsim.errors import InputError
 from edofsim.optics import Camera
-from edofsim.recipe import load_camera
+from edofsim.recipe import load_camera, load_scene
 from edofsim.recipe.kinds import LENSES
+from edofsim.render.engine import find_engines
+from edofsim.scene import build_scene
 
 SCENE = """
 name = "card"
 camera = "own.toml"
 frame = { width_px = 8, height_px = 6, margin_px = 1 }
 render = { samples = 2, max_depth = 2 }
-lights = [{ kind = "sky" }]
+lights = [{ kind = "environment" }]
 objects = [{ kind = "wall", depth_m = 2.0 }]
 """
 CAMERA = 'name = "own"\nsensor = { pixel_um = 3.45 }\n'
@@ -51,8 +55,12 @@ def kept_in(home: Path) -> list[Path]:
 
 
 def test_torch_is_loaded_for_a_camera_s_first_rendering_only(tmp_path: Path):
+    """Which engines work and the light's spectrum are known before."""
     (tmp_path / "card.toml").write_text(SCENE)
     (tmp_path / "own.toml").write_text(CAMERA)
+    find_engines()
+    build_scene(load_scene(tmp_path / "card.toml").recipe, tmp_path)
+    shutil.copytree(user_folder(), tmp_path / "home" / "edofsim", ignore=lambda *_: ["angles"])
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "home")}
     said = []
     for folder in ("one", "two"):

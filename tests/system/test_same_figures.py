@@ -85,7 +85,7 @@ def shared_figures(one: Mapping[str, float], other: Mapping[str, float]) -> list
 
 
 @pytest.mark.usefixtures("conditioned_once")
-@pytest.mark.parametrize("camera", MASKS)
+@pytest.mark.parametrize("camera", ["cubic", pytest.param("clear", marks=pytest.mark.slow)])
 def test_commands_of_one_photo_agree(
     edofsim: Command, folder: Path, camera: str, monkeypatch: pytest.MonkeyPatch
 ):
