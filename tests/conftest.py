@@ -74,6 +74,21 @@ def conditioned_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(CameraBank, "condition", kept)
 
 
+@pytest.fixture
+def filters_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The filters that banks reckon from PSFs, for a second each time, do nothing: for tests that do not look
+    at how well photos are restored."""
+    from edofsim.restore import camera_bank, filter_bank
+
+    def points(psf: torch.Tensor, support: int, groups: int, noise: float = 0.0) -> torch.Tensor:
+        found = psf.new_zeros(groups, 3, 3, support, support)
+        found[:, range(3), range(3), support // 2, support // 2] = 1
+        return found
+
+    for module in (camera_bank, filter_bank):
+        monkeypatch.setattr(module, "local_filters", points)
+
+
 @dataclass(frozen=True)
 class Disk:
     """A file system of its own, in memory."""

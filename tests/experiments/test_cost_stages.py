@@ -58,7 +58,7 @@ def camera(name: str) -> Loaded:
     return Loaded(recipe, loaded.path, loaded.text)
 
 
-@pytest.mark.usefixtures("conditioned_once")
+@pytest.mark.usefixtures("conditioned_once", "filters_left_out")
 def test_restoring_is_measured_once_and_the_default_is_marked(
     view: View, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
@@ -76,7 +76,7 @@ def test_restoring_is_measured_once_and_the_default_is_marked(
     assert again == points and len(taken) == 2 * len(points)
 
 
-@pytest.mark.usefixtures("conditioned_once")
+@pytest.mark.usefixtures("conditioned_once", "filters_left_out")
 def test_a_camera_with_a_network_of_its_own_is_restored_by_it(
     view: View, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):
