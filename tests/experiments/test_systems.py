@@ -67,9 +67,9 @@ def ramp(camera: Camera, far: float, near: float, size: int = 112) -> View:
 
 def page(camera: Camera) -> View:
     """The same texture in focus, and a row far in front of it and one far behind: layers are far apart."""
-    view = ramp(camera, 0.125, 2.5)
-    depth = view.inverse_depth.reshape(112, 112).clone()
-    depth[1:-1] = torch.linspace(0.99, 1.01, 110 * 112).reshape(110, 112)
+    view = ramp(camera, 0.125, 2.5, 96)
+    depth = view.inverse_depth.reshape(96, 96).clone()
+    depth[1:-1] = torch.linspace(0.99, 1.01, 94 * 96).reshape(94, 96)
     return replace(view, inverse_depth=depth.flatten())
 
 
@@ -214,8 +214,8 @@ def test_deep_scenes_by_lenses_of_ones_own(tmp_path: Path, monkeypatch: pytest.M
 
 
 def _tiny(recipe, *, quick: bool = False):
-    frame = recipe.frame.model_copy(update={"width_px": 40, "height_px": 32})
-    bands = recipe.bands.model_copy(update={"count": 5})
+    frame = recipe.frame.model_copy(update={"width_px": 32, "height_px": 24})
+    bands = recipe.bands.model_copy(update={"count": 3})
     return recipe.model_copy(update={"frame": frame, "bands": bands})
 
 

@@ -50,6 +50,7 @@ def camera(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_cameras_are_made_gone_on_with_and_shared(camera: Path, tmp_path: Path, monkeypatch):
     """Two shares, then the whole: nothing is done twice, and every draw is in the table."""
     monkeypatch.setattr(tolerances, "A_PART", 5)
