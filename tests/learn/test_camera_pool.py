@@ -264,7 +264,8 @@ def test_a_training_goes_on_as_if_it_had_not_been_interrupted(
 ) -> None:
     from edofsim.learn import trainer
 
-    whole = train(_recipe(), tmp_path / "whole")
+    few = {"cameras": {**RANDOM, "count": 2, "validation": 1}}
+    whole = train(_recipe(**few), tmp_path / "whole")
     real = trainer._step
 
     def stopping(loop: trainer._Loop, fraction: float) -> object:
@@ -274,8 +275,8 @@ def test_a_training_goes_on_as_if_it_had_not_been_interrupted(
 
     with monkeypatch.context() as changed, pytest.raises(KeyboardInterrupt):
         changed.setattr(trainer, "_step", stopping)
-        train(_recipe(), tmp_path / "parts")
-    resumed = train(_recipe(), tmp_path / "parts", resume=True)
+        train(_recipe(**few), tmp_path / "parts")
+    resumed = train(_recipe(**few), tmp_path / "parts", resume=True)
     first, second = (load_checkpoint(each.checkpoint).network.state_dict() for each in (whole, resumed))
     assert all(torch.equal(first[name], second[name]) for name in first)
     start = build_network("camera-bank", SMALL).state_dict()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -340,22 +341,38 @@ def test_a_loader_s_images_and_a_free_height_map(camera: edofsim.Camera, tmp_pat
 
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """The script of the page, as a module."""
+    """The script of the page, as a module; its pictures are read once."""
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "docs" / "howto"))
-    yield import_module("learn_mine")
+    module = import_module("learn_mine")
+    read = list(module.Pictures())
+    monkeypatch.setattr(module.Pictures, "__getitem__", lambda self, index: read[index])
+    yield module
     for name in ("learn_mine", "first_training"):
         sys.modules.pop(name, None)
 
 
+@pytest.fixture
+def narrow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cameras of scripts have small PSFs."""
+    whole = edofsim.camera
+    monkeypatch.setattr(edofsim, "camera", lambda *given, **how: whole(*given, **{**how, "window": 16}))
+
+
 def test_a_first_training_takes_thirty_lines(
-    page: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: ModuleType,
+    narrow: None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Blank ones are not counted. They run, and what they leave is read where their classes are."""
     script = Path(page.__file__ or "").with_name("first_training.py")
     assert sum(map(bool, script.read_text(encoding="utf-8").splitlines())) <= 30
-    command = [sys.executable, str(script), "1"]
-    done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True)
-    assert "psnr_db.start" in done.stdout and "psnr_db.validation" in done.stdout
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(script), "1"])
+    runpy.run_path(str(script), run_name="__main__")
+    said = capsys.readouterr().out
+    assert "psnr_db.start" in said and "psnr_db.validation" in said
     checkpoint = load_checkpoint(tmp_path / "out" / "fit" / "fit.safetensors")
     assert checkpoint.network.settings()["of"] == "first_training:UNet"
     start, learned = page.Cubic()().detach(), checkpoint.height
@@ -363,9 +380,14 @@ def test_a_first_training_takes_thirty_lines(
 
 
 def test_the_script_of_the_page_ends_in_its_table(
-    page: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    page: ModuleType,
+    narrow: None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(page, "evaluate", lambda *given, **how: evaluate(*given, count=2, patch_px=64))
     page.main(1, 2)
     rows = capsys.readouterr().out.splitlines()
     assert [row[:17].strip() for row in rows] == ["lens alone", "cubic mask", "mask that learns"]
@@ -373,7 +395,7 @@ def test_the_script_of_the_page_ends_in_its_table(
     assert (tmp_path / "systems.svg").read_text(encoding="utf-8").count("</svg>") == 1
 
 
-def test_the_work_of_a_step_is_counted(page: ModuleType) -> None:
+def test_the_work_of_a_step_is_counted(page: ModuleType, narrow: None) -> None:
     """Twice as many channels add to it what their convolutions do: two operations a product, in the forward
     pass and twice in the backward one."""
     narrow, wide = (9 * (3 * w + w * w + 2 * w * w / 16 + 2 * w * 3) for w in (4, 8))

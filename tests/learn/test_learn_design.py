@@ -162,7 +162,7 @@ def test_mean_psfs_are_the_mean_over_masks_that_err() -> None:
         optics.with_mask(MaskMaps(height + 60e-9 * torch.randn(height.shape, generator=generator))).psfs(
             depths
         )
-        for _ in range(200)
+        for _ in range(100)
     ]
     mean = torch.stack(drawn).mean(0)
     found = optics.with_mask(MaskMaps(height)).psfs(depths, height_noise=60e-9)
@@ -262,10 +262,10 @@ def test_the_closed_form_predicts_a_trained_network(name: str) -> None:
     depths = torch.linspace(0, 2, 9, dtype=torch.float64)
     psf = optics.psfs(depths)
     predicted = -10 * local_error(psf).mean(1).log10()
-    sharp = central_patches(packaged_images(128), 6, 128, surroundings(96))[0]
+    sharp = central_patches(packaged_images(128), 3, 128, surroundings(96))[0]
     generator, found = torch.Generator().manual_seed(0), []
     for index in range(len(depths)):
-        planes = Planes(sharp, depths[index].expand(6), psf[index].expand(6, -1, -1, -1))
+        planes = Planes(sharp, depths[index].expand(3), psf[index].expand(3, -1, -1, -1))
         captured = planes.photograph(optics)
         photo = captured.clean + 0.005 * torch.randn(captured.clean.shape, generator=generator)
         restored = torch.stack([apply_network(checkpoint.network, one) for one in photo])
