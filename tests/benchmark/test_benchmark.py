@@ -69,6 +69,7 @@ def figures(path: Path) -> dict[str, float]:
     return json.loads(path.read_text())["figures"]
 
 
+@pytest.mark.usefixtures("plots_left_out")
 def test_entries_of_each_kind_are_scored_by_the_same_figures(
     edofsim: Run, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -36,7 +36,7 @@ def photos_apart(camera: Camera, first: float, last: float) -> list[float]:
     f = torch.fft.fftfreq(size, dtype=torch.float64)
     falls = (f[:, None].square() + f.square()).rsqrt()
     falls[0, 0] = 0
-    noise = torch.randn(24, size, size, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    noise = torch.randn(12, size, size, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     pictures = torch.fft.ifft2(torch.fft.fft2(noise) * falls).real
     apart = torch.fft.rfft2(psf[1:] - psf[:1])
     change = torch.fft.irfft2(torch.fft.rfft2(pictures)[:, None, None] * apart, s=(size, size))
@@ -69,7 +69,7 @@ def test_the_nodes_of_a_fast_lens_are_close_about_its_focus():
     closest = float(nodes[:-1][nodes.diff().argmin()])
     assert abs(closest - 1.0) < 0.1
     assert float(nodes.diff().max() / nodes.diff().min()) >= 8
-    numbers = [2.8, 4.0, 8.0, 16.0]
+    numbers = [4.0, 8.0, 16.0]
     lenses = [lens(lens={"kind": "ideal", "focal_length_mm": 35, "f_number": number}) for number in numbers]
     counts = [len(nodes_between(each, PAPER_COLOURS, 0.0, 1.5)) for each in lenses]
     assert counts == sorted(counts, reverse=True) and counts[0] > 2 * counts[-1]

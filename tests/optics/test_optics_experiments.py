@@ -71,8 +71,10 @@ def test_psfs_as_picture_and_exr(tmp_path):
     assert (tmp_path / "psf.png").stat().st_size > 10_000
 
 
-def test_a_lens_over_its_field_as_pictures_and_tables(tmp_path):
+def test_a_lens_over_its_field_as_pictures_and_tables(tmp_path, monkeypatch):
     """Figures are those of the tables, and what is at the axis has no sides."""
+    monkeypatch.setattr(field_figure, "CURVE", 3)
+    monkeypatch.setattr(field_figure, "DEPTHS", 3)
     recipe = load_camera("aspheres-5mm-f3").recipe
     camera = Camera.from_recipe(recipe.model_copy(update={"psf": PsfSettings(window_px=32)}))
     what = {"fields_deg": (0.0, 8.0), "wavelengths_nm": (611.0, 543.0, 482.0), "depths_m": (0.5, 1.0)}

@@ -67,7 +67,7 @@ def test_upsampling_leaves_wraps_as_steps():
     assert torch.allclose(wrapped.grad, matrix.T @ weights @ matrix)
 
 
-@pytest.mark.parametrize("made", [None, Fabrication(pitch_um=3.0)])
+@pytest.mark.parametrize("made", [None, Fabrication(pitch_um=7.0)])
 def test_a_wrapped_map_is_made_as_bright_as_the_smooth_one(made: Fabrication | None):
     """At its design wavelength a wrap is no step of the wave: no PSF changes, however finely it is made."""
     free = camera(mask={"kind": "height-map", "pitch_um": 21.0}, fabrication=made, psf={"window_px": 32})

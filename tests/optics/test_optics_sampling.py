@@ -62,8 +62,10 @@ def test_automatic_sampling_follows_steep_masks():
     assert gentle.pitch > 2 * steep.pitch
 
 
-@pytest.mark.parametrize("window", [32, 128])
-@pytest.mark.parametrize("samples", [84, 239])
+@pytest.mark.parametrize(
+    "samples, window",
+    [(84, 128), (239, 32), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((84, 32), (239, 128)))],
+)
 def test_what_the_cells_of_a_height_map_scatter_stays_out_of_the_window(samples, window):
     """Against a pupil sampled three times as finely again: 0.5 % of the PSFs, in the rough map's own samples
     several times as much."""
