@@ -67,9 +67,9 @@ def ramp(camera: Camera, far: float, near: float, size: int = 112) -> View:
 
 def page(camera: Camera) -> View:
     """The same texture in focus, and a row far in front of it and one far behind: layers are far apart."""
-    view = ramp(camera, 0.125, 2.5, 96)
-    depth = view.inverse_depth.reshape(96, 96).clone()
-    depth[1:-1] = torch.linspace(0.99, 1.01, 94 * 96).reshape(94, 96)
+    view = ramp(camera, 0.125, 2.5)
+    depth = view.inverse_depth.reshape(112, 112).clone()
+    depth[1:-1] = torch.linspace(0.99, 1.01, 110 * 112).reshape(110, 112)
     return replace(view, inverse_depth=depth.flatten())
 
 
@@ -104,6 +104,7 @@ def test_twice_the_layers_change_no_score(name: str) -> None:
         assert converged_db(view, replace(NONE, layers=25), System(LENS_ALONE, camera)) < far - 5
 
 
+@pytest.mark.slow
 def test_nor_do_they_where_25_layers_would_miss_what_is_in_focus() -> None:
     camera = of_lines(FAST)
     view = page(camera)
