@@ -133,11 +133,11 @@ def edofsim(capfd: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]
 
 @pytest.fixture
 def workers_without_torch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Workers find a PyTorch of one function, in the folder that is given: the whole takes them a second, and
-    rendering does without."""
+    """Workers that load PyTorch fail, by the folder that is given: it takes a second, and rendering does
+    without."""
     folder = tmp_path / "path"
     folder.mkdir()
-    (folder / "torch.py").write_text("def set_num_threads(count):\n    pass\n")
+    (folder / "torch.py").write_text("raise ImportError('rendering loads PyTorch')")
     monkeypatch.syspath_prepend(folder)
     return folder
 

@@ -20,6 +20,7 @@ from collections.abc import Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
@@ -132,6 +133,7 @@ def _globbed(roots: Iterable[str], pattern: str) -> list[Path]:
     return out
 
 
+@cache
 def _linker_cache() -> list[Path]:
     try:
         listing = subprocess.run(["ldconfig", "-p"], capture_output=True, text=True, timeout=20).stdout
@@ -146,7 +148,12 @@ def _linker_cache() -> list[Path]:
 
 def cuda_driver() -> str | None:
     """Name of the CUDA driver library, or None where there is no NVIDIA driver."""
-    return ctypes.util.find_library("cuda")
+    return _library("cuda")
+
+
+@cache
+def _library(name: str) -> str | None:
+    return ctypes.util.find_library(name)
 
 
 def find_engines(*, again: bool = False) -> tuple[EngineProbe, ...]:
@@ -160,6 +167,9 @@ def find_engines(*, again: bool = False) -> tuple[EngineProbe, ...]:
 
 
 def _found_engines(again: bool) -> tuple[EngineProbe, ...]:
+    if again:
+        _linker_cache.cache_clear()
+        _library.cache_clear()
     candidates: list[tuple[str, str, str]] = []
     driver = cuda_driver()
     if driver:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import queue
 import sys
 import threading
@@ -239,9 +240,9 @@ def _start_worker(threads: int, messages: Messages) -> None:
     _messages = messages
     end_with_parent()
     set_threads(threads)
-    import torch  # not before: who starts workers may need none of it
-
-    torch.set_num_threads(threads)
+    os.environ["OMP_NUM_THREADS"] = str(threads)  # PyTorch takes as many, if a part needs it
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(threads)
 
 
 def _work(number: int, work: Callable[[T, Progress], R], part: T) -> R:

@@ -91,11 +91,12 @@ def threads_of_a_worker(part, tell):
 
 
 def test_workers_share_the_cores(monkeypatch):
-    """Each of two workers on six cores has three threads, for PyTorch and for the engine. The second is not
+    """Each of two workers on two cores has one thread, for PyTorch and for the engine. The second is not
     started where there is nothing for it to do."""
-    monkeypatch.setattr(spread, "thread_count", lambda: 6)
+    monkeypatch.setattr(spread, "thread_count", lambda: 2)
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
     work = spread.Workers([0], threads_of_a_worker, lambda number, error: error, lambda *said: None)
-    assert work.run(2, None) == [(3, 3)]
+    assert work.run(2, None) == [(1, 1)]
 
 
 def test_a_worker_that_dies_once_costs_nothing(tmp_path, monkeypatch, workers_without_torch):
