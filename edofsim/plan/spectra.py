@@ -119,7 +119,7 @@ class Spectra:
         weights, components = self._components
         light = self.light("components", components, nodes)
         gathering = self._gathering_of(fidelity, nodes)
-        few, shares = self._few_bands
+        few, shares = self._some_bands()
         between = hat(gathering.wavelengths, few.wavelengths)
         shared = torch.einsum(
             "cg,gk,gw->ckw", gathering.response, gathering.light @ weights, gathering.psfs @ between
@@ -153,7 +153,7 @@ class Spectra:
         refocused = fidelity.lens_dispersion != reference.lens_dispersion
         nodes = self.nodes_of_light(NODES if quick or refocused else FEW_NODES)
         alike = fidelity.oversampling == reference.oversampling
-        gathering, shares = self._few_bands if alike else self._some_bands(self.view.bands)
+        gathering, shares = self._some_bands(BANDS if alike else self.view.bands)
         if not quick:
             gathering = self.gathering(1, nodes)
         other, same = (
@@ -201,13 +201,9 @@ class Spectra:
     def _reach(self) -> int:
         """Side of the window that PSFs of many depths are computed in."""
         window = min(self.tiles.side, self.camera.recipe.psf.window_px)
-        return reach_of(self.otfs, self.full, self._few_bands[0], self.nodes_of_light(NODES), window)
+        return reach_of(self.otfs, self.full, self._some_bands()[0], self.nodes_of_light(NODES), window)
 
-    @cached_property
-    def _few_bands(self) -> tuple[Gathering, Tensor]:
-        return self._some_bands(BANDS)
-
-    def _some_bands(self, most: int) -> tuple[Gathering, Tensor]:
+    def _some_bands(self, most: int = BANDS) -> tuple[Gathering, Tensor]:
         """Bands that stand for all, those between by linear interpolation; and what each channel sees of each
         band by the PSFs of one of these, [channel, few, band] float64."""
         bands = self.view.wavelengths.double()
