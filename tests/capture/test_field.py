@@ -372,7 +372,7 @@ def seam(image: Tensor, step: int, axis: float) -> float:
     return float(bends[inner][border[inner]].max() / bends[inner][~border[inner]].max())
 
 
-@pytest.mark.parametrize("network", [None, "universal"])
+@pytest.mark.parametrize("network", [None, pytest.param("universal", marks=pytest.mark.slow)])
 def test_restored_photos_have_no_seams(network: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a smooth scene, by Wiener deconvolution and the network for any camera; hard tiles have them. One
     place stands for all of the frame's rows: the network takes two seconds for each."""

@@ -272,10 +272,11 @@ def test_each_depth_of_a_large_pupil_is_sampled_as_it_needs(monkeypatch):
         assert torch.allclose(found, torch.stack(expected), atol=1e-3)  # the light beyond the replica period
 
 
+@pytest.mark.slow
 def test_memory_of_transfer_functions_does_not_grow_with_the_lens():
     # f/2, 50 mm: 16 times as many samples each way as the paper's lens; whole fields would take 10 GiB each
     text = """
-import resource
+from pathlib import Path
 from edofsim.optics import Camera
 from edofsim.optics.mtf import mtf
 from edofsim.recipe.camera import CameraRecipe
@@ -283,7 +284,8 @@ lens = {"radius_of_curvature_mm": 22.92, "aperture_radius_mm": 12.5, "thickness"
 recipe = CameraRecipe(name="f2", lens=lens, focus={"distance_m": 2.0}, psf={"window_px": 64})
 camera = Camera.from_recipe(recipe)
 mtf(camera, 543e-9, [0.0, 0.4], [0.0, 20e3])
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+status = Path("/proc/self/status").read_text()  # of this program: `ru_maxrss` knows what started it, too
+print(int(status.split("VmHWM:")[1].split()[0]) / 1024)
 """
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
-    assert float(done.stdout) < 3072
+    assert float(done.stdout) < 1024

@@ -46,9 +46,9 @@ def test_the_registry_holds_the_masks_of_the_literature():
 
 @every_mask
 def test_energy_in_the_window_and_outside_is_all_energy(entry):
-    bank = psf_bank(camera(entry.example), BANDS, [0.0, 0.7, 2.0], window_px=96)
+    bank = psf_bank(camera(entry.example), BANDS[::6], [0.0, 0.7, 2.0], window_px=96)
     assert bool(torch.isfinite(bank.values).all()) and bool((bank.values >= 0).all())
-    assert torch.allclose(bank.values.sum((-1, -2)) + bank.truncated, torch.ones(3, 31), atol=1e-4)
+    assert torch.allclose(bank.values.sum((-1, -2)) + bank.truncated, torch.ones(3, 6), atol=1e-4)
     assert bool((bank.truncated > -1e-4).all()) and bool((bank.truncated < 0.2).all())
     assert 0 < transmission(camera(entry.example)) <= 1
 

@@ -19,7 +19,7 @@ def slope() -> edofsim.View:
 def test_a_plan_asks_for_sub_apertures_only_where_they_are_composited(
     slope: edofsim.View, without: tuple[str, ...]
 ):
-    camera = edofsim.camera("paper-learned", window=32)
+    camera = edofsim.camera("paper-learned", window=16)
     plan = edofsim.plan_for(slope, camera, accuracy="full", without=without)
     assert plan.fidelity.occlusion == "hidden" or plan.fidelity.sub_apertures == 1
     assert edofsim.photograph(slope, camera, plan).image.isfinite().all()

@@ -323,7 +323,9 @@ def alive(pid):
     return True
 
 
-@pytest.mark.parametrize("jobs, patterns", [(1, ["*.exr"]), (2, ["*.lock", "*.exr"])])
+@pytest.mark.parametrize(
+    "jobs, patterns", [(1, ["*.exr"]), pytest.param(2, ["*.lock", "*.exr"], marks=pytest.mark.slow)]
+)
 def test_workers_end_with_a_killed_parent(tmp_path, workers_without_torch, jobs, patterns):
     """SIGKILL to the parent alone, once while its workers start or render, once between two views."""
     folder = tmp_path / "cache"

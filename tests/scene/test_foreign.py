@@ -167,7 +167,9 @@ def test_json_and_xml_say_the_same(tmp_path: Path):
     assert own.objects[0].surface.two_sided and xml.objects[0].surface.two_sided
 
 
-@pytest.mark.parametrize("seed", range(50))
+@pytest.mark.parametrize(
+    "seed", [*range(20), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(20, 50))]
+)
 def test_dictionaries_may_name_what_comes_later(tmp_path: Path, seed: int):
     """Surfaces and textures in any order, within others or not: the same scene as with everything in its
     place."""
