@@ -11,7 +11,7 @@ from hard_cases import light as light_cases
 from hard_cases import occlusion, sensor
 from torch import Tensor
 
-from edofsim.capture import Photo, blurring, imaging, light, photograph, prepare
+from edofsim.capture import Photo, blurring, imaging, light, photograph
 from edofsim.capture.imaging import Imaging
 from edofsim.capture.light import Light
 from edofsim.optics import PsfField, field
@@ -74,12 +74,12 @@ def _first_node(psfs: PsfField) -> PsfField:
 
 
 def _coarse_nodes() -> AbstractContextManager[object]:
-    inner = prepare.depth_nodes
+    inner = photograph.depth_nodes
 
     def fewer(depth: Tensor, layers: int | str, slope: float, tolerance_db: float = 50.0) -> Tensor:
         return inner(depth, layers, slope, tolerance_db - 30)
 
-    return swapped(prepare, "depth_nodes", fewer)
+    return swapped(photograph, "depth_nodes", fewer)
 
 
 def _half_the_slope(bank: PsfField) -> PsfField:

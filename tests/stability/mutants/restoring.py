@@ -8,10 +8,9 @@ from importlib import import_module
 
 import torch
 from hard_cases import networks, restoration
-from skimage import metrics
 from torch import Tensor
 
-from edofsim.restore import checkpoint, network
+from edofsim.restore import checkpoint, network, scores
 from edofsim.restore.restorer import Restorer
 
 from .mutant import Mutant, after, scaled, swapped
@@ -63,8 +62,8 @@ def _as_it_is(values: Tensor) -> Tensor:
     return values
 
 
-def _less_alike(found: float | tuple[float, Tensor]) -> float | tuple[float, Tensor]:
-    return 0.99 * found if isinstance(found, float) else (0.99 * found[0], 0.99 * found[1])
+def _less_alike(found: Tensor | None) -> Tensor | None:
+    return None if found is None else 0.99 * found
 
 
 def _noise_of(times: float) -> AbstractContextManager[object]:
@@ -126,7 +125,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "SSIM 1 % down",
         "of equal images too",
         RESTORING,
-        lambda: after(metrics, "structural_similarity", _less_alike),
+        lambda: after(scores, "ssim_map", _less_alike),
     ),
     Mutant(
         "denormals kept",
