@@ -24,8 +24,8 @@ def convolved(image: Tensor, weight: Tensor, bias: Tensor, dilation: int = 1) ->
     weight: [out, in, y, x].
     bias: [out].
     """
-    numbers = image.dtype
-    weight, bias = weight.to(numbers), bias.to(numbers)
-    if numbers == torch.bfloat16 and not multiplied_fast(image.device):
+    weight, bias = weight.to(image.dtype), bias.to(image.dtype)
+    if image.dtype == torch.bfloat16 and not multiplied_fast(image.device):
         image, weight, bias = image.float(), weight.float(), bias.float()
-    return functional.conv2d(image, weight, bias, dilation=dilation).to(numbers)
+        return functional.conv2d(image, weight, bias, dilation=dilation).bfloat16()
+    return functional.conv2d(image, weight, bias, dilation=dilation)

@@ -163,7 +163,7 @@ class DCnn(DepthConditioned):
         if not any(layer.training for layer in self.residual if isinstance(layer, nn.BatchNorm2d)):
             beyond = beyond.contiguous(memory_format=torch.channels_last)
             rounded = rounded and photo.dtype == torch.float32 and not torch.is_grad_enabled()
-            return self._by_fixed_statistics(beyond, likely, torch.bfloat16 if rounded else photo.dtype)
+            return self._by_fixed_statistics(beyond, likely, rounded)
         if likely is not None:
             likely = functional.pad(likely, (reach,) * 4, mode="replicate")
         rows, columns = (slice(reach, reach + size) for size in photo.shape[-2:])
@@ -203,19 +203,19 @@ class DCnn(DepthConditioned):
             found.append((weight, bias))
         return found
 
-    def _by_fixed_statistics(self, beyond: Tensor, likely: Tensor | None, numbers: torch.dtype) -> Tensor:
+    def _by_fixed_statistics(self, beyond: Tensor, likely: Tensor | None, rounded: bool) -> Tensor:
         """The same of a photo that goes on for `radius` pixels, which become its border and are left out
         layer by layer. Each normalisation, whose statistics are fixed, is folded into the convolution
         before it: fewer passes over memory, the same image but for rounding.
 
-        numbers: what the layers hand on. The first sees the photo as it is: its grey levels are finer than
-            bfloat16's.
+        rounded: whether the layers hand on bfloat16. The first sees the photo as it is: its grey levels are
+            finer than bfloat16's.
         """
         *convolutions, last = self._folded()
         seen = beyond
         for (weight, bias), dilation in zip(convolutions, self.dilations, strict=True):
-            seen = convolved(seen, weight, bias, dilation).to(numbers)
-            seen = functional.leaky_relu_(seen, LEAK)
+            seen = convolved(seen, weight, bias, dilation)
+            seen = functional.leaky_relu_(seen.bfloat16() if rounded else seen, LEAK)
         if likely is not None:
             likely = functional.pad(likely, (REFINED,) * 4, mode="replicate")
         residual = _weighed(convolved(seen, *last).to(beyond.dtype), likely)

@@ -57,8 +57,7 @@ def test_sharp_optics_give_the_response_weighted_cube(cave: Path) -> None:
     assert max(errors) < 1e-6
 
 
-@pytest.mark.usefixtures("coarse")
-@pytest.mark.usefixtures("plots_left_out")
+@pytest.mark.usefixtures("coarse", "plots_left_out")
 def test_the_experiment_goes_on_and_names_a_broken_cube(
     cave: Path, tmp_path: Path, network: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -395,7 +395,8 @@ def test_the_script_of_the_page_ends_in_its_table(
     assert (tmp_path / "systems.svg").read_text(encoding="utf-8").count("</svg>") == 1
 
 
-def test_the_work_of_a_step_is_counted(page: ModuleType, narrow: None) -> None:
+@pytest.mark.usefixtures("narrow")
+def test_the_work_of_a_step_is_counted(page: ModuleType) -> None:
     """Twice as many channels add to it what their convolutions do: two operations a product, in the forward
     pass and twice in the backward one."""
     narrow, wide = (9 * (3 * w + w * w + 2 * w * w / 16 + 2 * w * 3) for w in (4, 8))
