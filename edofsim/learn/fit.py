@@ -30,7 +30,7 @@ from .reader import Source
 from .schedule import generator_of
 from .setup import Given
 from .sources import packaged_images, read_folder
-from .system import Draw, with_noise
+from .system import Draw, recorded
 from .trainer import TEST_NOISE, VALIDATION, Trained, train
 from .training_camera import TrainingCamera
 
@@ -167,7 +167,7 @@ def evaluate(
     camera: one, a shipped one by name, or a recipe.
     patch_px: side of a patch.
     inverse_depth_per_m: least and largest, 1/m.
-    read_noise: standard deviation, relative to full scale.
+    read_noise: standard deviation, relative to full scale, in place of the sensor's own.
     seed: of the noise.
 
     Raises InputError for what cannot be used.
@@ -189,7 +189,8 @@ def evaluate(
     for index, scenes in enumerate(_source(data, recipe, optics.window, whole=True).validation(count)):
         captured = scenes.photograph(optics)
         draw = Draw(scenes, torch.tensor([read_noise]), generator_of(seed, VALIDATION, index, 0))
-        for k, (photo, ideal) in enumerate(zip(with_noise(captured, draw), captured.ideal, strict=True)):
+        photos_seen = recorded(captured, draw, camera)
+        for k, (photo, ideal) in enumerate(zip(photos_seen, captured.ideal, strict=True)):
             lost = None if captured.psf is None else 1 - captured.psf[k].sum((-1, -2))
             how = {"checkpoint": checkpoint, "truncated": lost}
             scores.append(score(restore(photo, camera, PAPER_COLOURS, depths, **how)[0], ideal))

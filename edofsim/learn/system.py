@@ -11,6 +11,8 @@ import torch
 from torch import Tensor, nn
 
 from ..capture.planes import capture_planes, surroundings
+from ..capture.sensor import Signal, sensor_effects
+from ..optics import Camera
 from ..restore.light import keep_light
 from ..restore.restorer import Restorer
 from .doe import MaskMaps, maps_of
@@ -207,7 +209,8 @@ class System(nn.Module):
         else:
             captured = draw.scenes.photograph(draw.camera.optics)
             draw.camera.select_psfs(self.network)
-        photo = with_noise(captured, draw)
+        optics = self.optics if draw.camera is None else draw.camera.optics
+        photo = recorded(captured, draw, optics.camera)
         seen = photo if draw.camera is None else draw.camera.seen(self.network, photo, captured)
         restored = self.restore(seen, maps)
         # what is shown ends at full scale, as the truth does
@@ -247,11 +250,19 @@ class System(nn.Module):
         with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.in_bfloat16):
             return restore(photo).to(torch.float32)
 
-    def set_initial_psfs(self) -> None:
+    def set_initial_psfs(self, noise: float) -> None:
         """Give a network that is conditioned on the optics the PSFs of the mask as it is, made with the mean
-        error of fabrication."""
-        if self.network.psfs == "mean" and not self.network.any_camera:
-            self.network.set_psfs(self._mean_psfs(broadband=False))
+        error of fabrication; one for any camera the noise, too.
+
+        noise: standard deviation, relative to full scale.
+        """
+        if self.network.psfs != "mean":
+            return
+        psf = self._mean_psfs(broadband=False)
+        if self.network.any_camera:
+            self.network.set_camera(psf, noise)
+        else:
+            self.network.set_psfs(psf)
 
     @torch.no_grad()
     def _mean_psfs(self, broadband: bool) -> Tensor:
@@ -284,14 +295,38 @@ class System(nn.Module):
         return self.optics.with_mask(maps).psfs(self.network.psf_depths(self.depth_range))
 
 
-def with_noise(captured: Captured, draw: Draw) -> Tensor:
-    """The photo [batch, 3, y, x] with read noise, where it has none yet."""
+def recorded(captured: Captured, draw: Draw, camera: Camera) -> Tensor:
+    """The photo [batch, 3, y, x] as the sensor records it: its effects in their order, with the read noise of
+    the draw in place of its own. One that has its noise already is left as it is.
+
+    captured: the photo without noise.
+    draw: read noise, and the generator of all noise.
+    camera: its sensor.
+    """
     clean = captured.clean
     if captured.noisy:
         return clean
-    noise = draw.read_noise.to(clean)
-    noise = noise if captured.light is None else noise / captured.light
-    return clean + noise[:, None, None, None] * _normal(clean, draw.generator)
+    sensor = camera.recipe.sensor.model_copy(update={"read_noise": 1.0})
+    effects = sensor_effects(replace(camera, recipe=camera.recipe.model_copy(update={"sensor": sensor})))
+    light = None if captured.light is None else captured.light[:, None, None, None]
+    noise = draw.read_noise.to(clean)[:, None, None, None]
+    if len(effects) == 1:
+        return clean + (noise if light is None else noise / light) * _normal(clean, draw.generator)
+    signal, others = Signal(clean if light is None else clean * light), _on_cpu(draw.generator)
+    for effect in effects:
+        if effect.kind == "read-noise":
+            added = noise * _normal(clean, draw.generator)
+            added = added if signal.seen is None else added * signal.seen
+            signal = Signal(signal.image + added, signal.seen)
+        else:
+            signal = effect.act(signal, others)
+    return signal.image if light is None else signal.image / light
+
+
+def _on_cpu(generator: torch.Generator) -> torch.Generator:
+    """What effects of a sensor draw from, wherever the photos are."""
+    seed = torch.randint(2**62, (), generator=generator, device=generator.device)
+    return torch.Generator().manual_seed(int(seed))
 
 
 def _normal(like: Tensor, generator: torch.Generator) -> Tensor:

@@ -128,7 +128,8 @@ def _train(
     else:
         if recipe.doe.design_steps and recipe.doe.learn:
             _design(setup, progress)
-        setup.system.set_initial_psfs()
+        if setup.pool is None:
+            setup.system.set_initial_psfs(sum(recipe.capture.read_noise) / 2)
     setup.system.mask.requires_grad_(not kept)
     limit = max_minutes * 60 if max_minutes else None
     wrapped = workers.wrap(setup.system, partly=recipe.optimiser.network_steps > 1)

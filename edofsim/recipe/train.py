@@ -111,7 +111,8 @@ class CaptureTable(RecipeModel):
     inverse_depth_per_m: Range = (0.0, 2.0)
     """range of inverse depths, 1/m, drawn uniformly; 0 is infinity"""
     read_noise: Range = (0.001, 0.015)
-    """range of the read noise, relative to full scale"""
+    """range of the read noise, relative to full scale, in place of the camera's; all else that its sensor
+    does is as in its recipe"""
 
     @model_validator(mode="after")
     def _ascending(self) -> CaptureTable:

@@ -54,7 +54,7 @@ def test_told_the_mask_it_restores_before_it_is_trained() -> None:
                 )
             )
             gains.append(float(10 * (photos - errors)))
-            setup.system.set_initial_psfs()
+            setup.system.set_initial_psfs(0.005)
             draws = [draw_batch(setup, step, WORKERS) for step in range(4)]
     assert gains[0] == pytest.approx(0, abs=1e-3)
     assert gains[1] > 2

@@ -89,7 +89,7 @@ def test_a_bank_is_told_the_light_that_the_sensor_sees() -> None:
     """Of each kind of light its own filters, those of lines for the checkpoint, whatever came last."""
     setup = prepare(_loaded(0.5), None, WORKERS)
     system, network = setup.system, setup.system.network
-    system.set_initial_psfs()
+    system.set_initial_psfs(0.005)
     lines = network.filters.clone()
     with torch.no_grad():
         for broadband in (True, False, True):
@@ -108,7 +108,7 @@ def test_a_bank_is_told_the_light_that_the_sensor_sees() -> None:
 
 def test_filters_of_its_light_restore_a_broadband_photo_better() -> None:
     setup = prepare(_loaded(0.5), None, WORKERS)
-    setup.system.set_initial_psfs()
+    setup.system.set_initial_psfs(0.005)
     setup.system.eval()
     draw = _photo_of(setup, True)
     with torch.no_grad():
