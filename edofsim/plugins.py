@@ -13,22 +13,31 @@ from .errors import InputError
 
 if TYPE_CHECKING:
     from .capture.fidelity import Simplification
+    from .capture.planes import surroundings
     from .capture.sensor import SensorEffect, Signal
+    from .core.progress import Progress
     from .experiments.experiment import Findings, in_paper, in_parts
     from .learn.reader import TrainingReader, Wanted
     from .learn.system import Planes, Scenes
     from .optics.lenses.base import Field, Lens
+    from .optics.lenses.ideal import IdealLens
     from .optics.masks import Finite, Mask, SmoothMask
-    from .plan.effect import Effect, Level
+    from .options import CameraOption
+    from .plan.effect import Effect, Errors, Level
     from .plan.facts import Facts
     from .recipe.base import NotNegative, Positive
+    from .recipe.placed import Placed
+    from .recipe.scene import SceneRecipe
+    from .recipe.surfaces import AnySurface, MattSurface
     from .render.readers import (
         ViewReader,
         frame_indices,
         plain_view,
     )
+    from .report import Key, Keys, Page
     from .restore.restorer import Restorer
     from .scene.builders import Builder, Context, Part
+    from .scene.solids import mesh
 
 Added = TypeVar("Added", bound=type)
 
@@ -47,18 +56,27 @@ def register(thing: Added) -> Added:
 
 _IN = {
     "capture.fidelity": "Simplification",
+    "capture.planes": "surroundings",
     "capture.sensor": "SensorEffect Signal",
+    "core.progress": "Progress",
     "experiments.experiment": "Findings in_paper in_parts",
     "learn.reader": "TrainingReader Wanted",
     "learn.system": "Planes Scenes",
     "optics.lenses.base": "Field Lens",
+    "optics.lenses.ideal": "IdealLens",
     "optics.masks": "Finite Mask SmoothMask",
-    "plan.effect": "Effect Level",
+    "options": "CameraOption",
+    "plan.effect": "Effect Errors Level",
     "plan.facts": "Facts",
     "recipe.base": "NotNegative Positive",
+    "recipe.placed": "Placed",
+    "recipe.scene": "SceneRecipe",
+    "recipe.surfaces": "AnySurface MattSurface",
     "render.readers": "ViewReader frame_indices plain_view",
+    "report": "Key Keys Page",
     "restore.restorer": "Restorer",
     "scene.builders": "Builder Context Part",
+    "scene.solids": "mesh",
 }
 """Names by the module that defines them."""
 

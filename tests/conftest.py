@@ -15,7 +15,7 @@ import matplotlib
 import pytest
 import torch
 
-from edofsim.recipe.kinds import MASKS, NETWORKS
+from edofsim.recipe.kinds import MASKS, NETWORKS, SENSOR_EFFECTS
 
 LARGE = 256 << 20
 THREADS = torch.get_num_threads()
@@ -40,9 +40,9 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture
 def registered_for_a_test() -> Generator[None]:
-    """Masks and networks that a test registers are gone after it."""
+    """Masks, networks and sensor effects that a test registers are gone after it."""
     yield
-    for registry in (MASKS, NETWORKS):
+    for registry in (MASKS, NETWORKS, SENSOR_EFFECTS):
         registry._given.clear()
         registry.look_again()
 

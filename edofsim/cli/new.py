@@ -13,10 +13,25 @@ import typer
 
 from ..errors import InputError
 from .shared import Done
-from .tools import RecipeKind
 
 if TYPE_CHECKING:
     from ..recipe.sources import DepthMap
+
+
+class Kind(StrEnum):
+    scene = "scene"
+    camera = "camera"
+    train = "train"
+    dataset = "dataset"
+    plugin = "plugin"
+
+
+USE = {
+    "scene": "edofsim look",
+    "camera": "edofsim psf",
+    "train": "edofsim train",
+    "dataset": "edofsim dataset make --forecast",
+}
 
 
 class Holds(StrEnum):
@@ -85,29 +100,34 @@ class PictureOptions:
 
 
 def new(
-    kind: Annotated[RecipeKind, typer.Argument(help="Kind of recipe.")],
-    name: Annotated[Path, typer.Argument(metavar="NAME", help="Name of the recipe; NAME.toml is written.")],
+    kind: Annotated[Kind, typer.Argument(help="Kind of recipe, or a package of plug-ins.")],
+    name: Annotated[
+        Path, typer.Argument(metavar="NAME", help="NAME.toml is written; of a package, the folder NAME.")
+    ],
     *,
     picture: PictureOptions,
 ) -> Done:
-    """Write a commented recipe to start from."""
-    from ..recipe.new import check_name, new_recipe
+    """Write a commented recipe to start from, or a package with one of each kind of plug-in."""
+    from ..recipe.new import check_name, new_plugin, new_recipe
 
-    check_name(name)
+    if kind is not Kind.plugin:
+        check_name(name)
     lines: list[str] = []
     given = picture.given()
     image, depth = picture.image, picture.depth
     if image is None and depth is None:
         if picture.layer is not None or {k for k, v in given.items() if v is not None} != {"holds"}:
             raise InputError("these options are for a picture with a depth map: give --image and --depth")
+        if kind is Kind.plugin:
+            folder = new_plugin(name)
+            return Done([f"its README.md says how to try it: {folder / 'README.md'}"], {"package": folder})
         path = new_recipe(kind.value, name)
-    elif image is None or depth is None or kind is not RecipeKind.scene:
+    elif image is None or depth is None or kind is not Kind.scene:
         raise InputError("--image and --depth go together, and with `new scene`: a picture and its depth map")
     else:
         values, lines = _picture(image, depth, name.parent, picture.layer, given)
         path = new_recipe("picture", name, values)
-    use = {"scene": "edofsim look", "camera": "edofsim psf", "train": "edofsim train"}[kind.value]
-    return Done([*lines, f"edit it, then: {use} {path}"], {"recipe": path})
+    return Done([*lines, f"edit it, then: {USE[kind.value]} {path}"], {"recipe": path})
 
 
 def _picture(

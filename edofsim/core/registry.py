@@ -14,6 +14,8 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import iter_modules
+from types import ModuleType
 from typing import Any, Generic, TypeVar, get_args
 from uuid import uuid4
 
@@ -29,13 +31,18 @@ def _imported(place: str) -> Any:  # pyrefly: ignore[explicit-any] - whatever st
     return getattr(import_module(module), attribute)
 
 
-def _names(thing: object) -> tuple[str, ...]:
-    """What a class or an effect of a plan is called in recipes: its `kind`, or its `name`."""
-    field = getattr(thing, "model_fields", {}).get("kind")
-    if field is not None:
-        return get_args(field.annotation)
-    name = getattr(thing, "kind", None) or getattr(thing, "name", None)
-    return (name,) if isinstance(name, str) else ()
+def _modules(names: str) -> Iterator[ModuleType]:
+    """Modules with commas between their names, and all that are in those that are packages. Raises InputError
+    for one that cannot be imported."""
+    for name in filter(None, map(str.strip, names.split(","))):
+        if os.getcwd() not in sys.path:
+            sys.path.insert(0, os.getcwd())
+        try:
+            module = import_module(name)
+            inside = [each.name for each in iter_modules(getattr(module, "__path__", ()), name + ".")]
+            yield from (module, *map(import_module, inside))
+        except (Exception, SystemExit) as error:  # someone's import can end in any way
+            raise InputError(f"{TRIED}={name}: cannot be imported ({error})") from error
 
 
 class Registry(Mapping[str, T], Generic[T]):
@@ -47,8 +54,8 @@ class Registry(Mapping[str, T], Generic[T]):
     base: where the class is that each of them derives from, or is an instance of, likewise. A name of this
         package cannot be taken by another one.
 
-    Modules that the environment variable EDOFSIM_PLUGINS names, with commas between them, are looked through
-    for such classes too, in the working directory first: to try one without installing it.
+    Modules and packages that the environment variable EDOFSIM_PLUGINS names, with commas between them, are
+    looked through for such things too, in the working directory first: to try one without installing it.
     """
 
     def __init__(self, group: str, kind: str, own: Mapping[str, str], base: str) -> None:
@@ -69,24 +76,28 @@ class Registry(Mapping[str, T], Generic[T]):
     def _tried(self) -> dict[str, str]:
         """What the modules of EDOFSIM_PLUGINS add here. Raises InputError for one that cannot be imported."""
         found: dict[str, str] = {}
-        for module in filter(None, os.environ.get(TRIED, "").split(",")):
-            if os.getcwd() not in sys.path:
-                sys.path.insert(0, os.getcwd())
-            try:
-                there = vars(import_module(module.strip()))
-            except (Exception, SystemExit) as error:  # someone's import can end in any way
-                raise InputError(f"{TRIED}={module}: cannot be imported ({error})") from error
-            for attribute, thing in there.items():
+        for module in _modules(os.environ.get(TRIED, "")):
+            for attribute, thing in vars(module).items():
                 if self._holds(thing) and thing is not _imported(self.base):
-                    found |= {name: f"{module.strip()}:{attribute}" for name in _names(thing)}
+                    # code of a class is where it is defined, not where it is imported, see `code_of`
+                    home = thing.__module__ if isinstance(thing, type) else module.__name__
+                    found |= {name: f"{home}:{attribute}" for name in self.names_of(thing)}
         return found
+
+    def names_of(self, thing: object) -> tuple[str, ...]:
+        """What a class or an effect of a plan is called in recipes: its `kind`, or its `name`."""
+        field = getattr(thing, "model_fields", {}).get("kind")
+        if field is not None:
+            return get_args(field.annotation)
+        name = getattr(thing, "kind", None) or getattr(thing, "name", None)
+        return (name,) if isinstance(name, str) else ()
 
     def take(self, thing: T) -> bool:
         """Whether this is a thing of this registry, which has it by its `kind` from now on: in this process,
         whatever it had by that name. Raises InputError for one without a `kind`, or with one of ours."""
         if not self._holds(thing):
             return False
-        names = _names(thing)
+        names = self.names_of(thing)
         taken = [name for name in names if name in self._own]
         if taken or not names:
             said = f"kind {taken[0]!r} is this package's" if taken else "it has no `kind`"

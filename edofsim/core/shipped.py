@@ -9,6 +9,8 @@ from pathlib import Path
 LOG = logging.getLogger(__name__)
 RENAMED = {"any-bank": "universal", "told-dcnn": "depth-dcnn"}
 """Earlier names of networks and their trainings."""
+IN_CHECKOUT = {"plugin": "tests/example_package"}
+"""Where shipped folders are that have another name there."""
 
 
 def today(name: str) -> str:
@@ -19,10 +21,10 @@ def today(name: str) -> str:
 
 
 def shipped_folder(name: str) -> Path:
-    """`scenes` or `train`: in the checkout, or inside an installed package."""
+    """`scenes`, `train` or `plugin`: in the checkout, or inside an installed package."""
     package = Path(__file__).resolve().parent.parent
     installed = package / "shipped" / name
-    return installed if installed.is_dir() else package.parent / name
+    return installed if installed.is_dir() else package.parent / IN_CHECKOUT.get(name, name)
 
 
 def installed(package: str) -> Path:

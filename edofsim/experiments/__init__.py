@@ -7,14 +7,30 @@ package adds one by an entry point of the group `edofsim.experiments`, `NAME = "
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from types import FunctionType
+from typing import TYPE_CHECKING, TypeVar
 
 from ..core.registry import Registry
 
 if TYPE_CHECKING:
     from .experiment import Findings
+T = TypeVar("T")
 
-EXPERIMENTS: "Registry[Callable[..., Findings]]" = Registry(
+
+class _Experiments(Registry[T]):
+    """Of a module that is only tried, functions that return `Findings`."""
+
+    def names_of(self, thing: object) -> tuple[str, ...]:
+        """Its own name, or its module's where it is called `run`."""
+        run = getattr(thing, "run", thing)
+        given = getattr(run, "__annotations__", {}).get("return")
+        if not isinstance(run, FunctionType) or getattr(given, "__name__", given) != "Findings":
+            return ()
+        name = run.__module__.rpartition(".")[2] if run.__name__ == "run" else run.__name__
+        return (name.replace("_", "-"),)
+
+
+EXPERIMENTS: "Registry[Callable[..., Findings]]" = _Experiments(
     "edofsim.experiments",
     "experiment",
     {

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -118,6 +119,6 @@ def shifts(scores: Scores, of_full: Scores) -> Mapping[str, Shift]:
     for name, values in scores.items():
         if name in of_full:
             mean = statistics.fmean(a - b for a, b in zip(values, of_full[name], strict=True))
-            noise = statistics.stdev(of_full[name]) if len(values) > 1 else 0.0
+            noise = float(np.std(of_full[name], ddof=1)) if len(values) > 1 else 0.0
             found[name] = Shift(mean, noise)
     return found

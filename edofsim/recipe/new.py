@@ -1,12 +1,15 @@
-"""Commented recipes to start from."""
+"""Commented recipes to start from, and a package of plug-ins."""
 
 from __future__ import annotations
 
+import keyword
 import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.files import write_text
+from ..core.shipped import shipped_folder
 from ..errors import InputError
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -26,6 +29,33 @@ def new_recipe(kind: str, path: Path, values: Mapping[str, str] | None = None) -
     for key, value in {"NAME": path.stem, **(values or {})}.items():
         text = text.replace(f"@{key}@", value)
     return write_text(path, text)
+
+
+def new_plugin(path: Path) -> Path:
+    """Write a package that adds one of each kind of thing to edofsim, named after its folder. Returns it.
+
+    path: of the folder; its name in lower case, with _ for -, is that of the package's module.
+
+    Raises InputError for a name that no module can have or another one has, for a folder that is there
+    already, and what `core.files.whole` raises.
+    """
+    name = path.name
+    module = name.replace("-", "_").lower()
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,63}", name) or keyword.iskeyword(module):
+        raise InputError(f"{name!r} cannot name a package: use letters, digits, _ and -, a letter first")
+    if module in sys.stdlib_module_names or module == "edofsim":
+        raise InputError(f"{name!r}: Python would take it for another module; choose another name")
+    if path.exists():
+        raise InputError(f"{path}: is there already; choose another name, or remove it")
+    example = shipped_folder("plugin")
+    for source in sorted(file for file in example.rglob("*") if file.suffix in (".py", ".toml", ".md")):
+        text = source.read_text(encoding="utf-8")
+        place = str(source.relative_to(example))
+        text, place = (
+            each.replace("edofsim-example", name).replace("edofsim_example", module) for each in (text, place)
+        )
+        write_text(path / place, text)
+    return path
 
 
 def check_name(path: Path) -> Path:

@@ -169,6 +169,7 @@ def test_the_site_builds_without_a_warning(
     for name in ("CONTRIBUTING.md", "CHANGELOG.md"):
         shutil.copy(ROOT / name, copy)
     (copy / "scenes").symlink_to(ROOT / "scenes")
+    (copy / "tests").symlink_to(ROOT / "tests")  # pages show its example of a package
     shutil.copytree(DOCS, copy / "docs", ignore=shutil.ignore_patterns("_build", "gallery", "sg_*"))
     settings = {"DOCS_RUN": "0", "MPLBACKEND": "agg", "DASK_LOGGING__DISTRIBUTED": "error"}
     for name, value in settings.items():  # the last two are set by `conf.py`: undone after the test

@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -22,7 +23,8 @@ from edofsim.cli import invoke
 from edofsim.errors import InputError
 from edofsim.learn.trainer import train
 from edofsim.optics import Camera, psf_bank
-from edofsim.plan import parse_target, plan_photo
+from edofsim.plan import EFFECTS, parse_target, plan_photo
+from edofsim.plugins import SensorEffect, Signal
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.kinds import MASKS, OBJECTS
 from edofsim.recipe.load import load_camera, load_scene, load_train
@@ -57,29 +59,71 @@ def test_a_mask(installed: Path, tmp_path: Path):
     assert float((ours - theirs).norm() / theirs.norm()) < 1e-6
 
 
-def test_a_sensor_effect_and_an_effect_of_the_plan(installed: Path, tmp_path: Path):
-    """What the recipe lists is in the image and not in the noise-free photo; a plan says what leaving it out
-    errs by, and leaves it out on request."""
+DARK = '{ kind = "dark-current", electrons = 900, full_well_electrons = 10000 }'
+GREY = torch.full((3, 48, 48), 0.5)
+
+
+def grey_view(camera: Camera) -> View:
+    bands = [450e-9, 550e-9, 650e-9]
+    return View.flat(GREY, 0.7, margin=16, pixel_angle=camera.pixel_angle, wavelengths=bands)
+
+
+def test_an_effect_of_plans_with_a_level_in_between(installed: Path, tmp_path: Path):
+    """In full, the dark current's mean alone, and without it: what each leaves out is that of n electrons of
+    N, of their noise, and of their mean, too. A file names what was left out, and cannot bring it back."""
+    camera = camera_of(tmp_path, f"[sensor]\nread_noise = 0.0\nexposure = 1.0\neffects = [{DARK}]")
+    view, target = grey_view(camera), parse_target("60dB", None)
+    kept, left = (plan_photo(view, camera, {"without": names}, target) for names in ([], ["dark current"]))
+    (row,) = [each for each in kept.decisions if each.effect == "dark current"]
+    assert row.called_for and row.error == pytest.approx((0.09 * (1 + 1 / 900) ** 0.5,) * 3, rel=1e-6)
+    full, between, none = (
+        capture(view, camera, fidelity)
+        for fidelity in (kept.fidelity, Fidelity().changed(EFFECTS["dark current"].levels(None)[1].change),
+                         left.fidelity.changed({"layers": 1}))
+    )  # fmt: skip
+    assert torch.equal(none.image, none.clean)
+    torch.testing.assert_close(between.image, between.clean + 0.09)
+    noise = full.image - full.clean - 0.09
+    assert float(noise.square().mean()) == pytest.approx(9e-6, rel=5 * (2 / noise.numel()) ** 0.5)
+    with pytest.raises(InputError, match="simplifications of other packages.*--without EFFECT"):
+        Fidelity.load(left.fidelity.save(tmp_path / "fidelity.json"))
+
+
+class DarkLevel(SensorEffect):
+    """Adds a level, relative to full scale."""
+
+    kind: Literal["dark-level"] = "dark-level"
+    level: float
+
+    def act(self, signal: Signal, generator: torch.Generator) -> Signal:
+        return Signal(signal.image + self.level, signal.seen)
+
+
+@pytest.mark.usefixtures("registered_for_a_test")
+def test_a_sensor_effect_is_left_out_by_its_kind(tmp_path: Path):
+    """It needs no effect of plans of its own: the plan has one, whose error is what it adds; a file keeps
+    what is left out. What the recipe lists is in the image and not in the noise-free photo."""
+    plugins.register(DarkLevel)
     text = '[sensor]\nread_noise = 0.0\nexposure = 1.0\neffects = [{ kind = "dark-level", level = 0.02 }]'
     camera = camera_of(tmp_path, text)
-    light = View.flat(torch.full((3, 48, 48), 0.5), 0.7, margin=16, pixel_angle=camera.pixel_angle,
-                      wavelengths=[450e-9, 550e-9, 650e-9])  # fmt: skip
-    photo = capture(light, camera)
+    view, target = grey_view(camera), parse_target("60dB", None)
+    photo = capture(view, camera)
     torch.testing.assert_close(photo.image, photo.clean + 0.02)
-    target = parse_target("60dB", None)
-    kept, left = (plan_photo(light, camera, {"without": names}, target) for names in ([], ["dark level"]))
-    assert torch.allclose(capture(light, camera, kept.fidelity).image, photo.image, atol=1e-3)
-    dark = capture(light, camera, left.fidelity.changed({"layers": 1}))
-    assert torch.equal(dark.image, dark.clean)
-    (row,) = [each for each in kept.decisions if each.effect == "dark level"]
-    assert row.error == pytest.approx((0.02,) * 3) and row.called_for
+    kept, left = (plan_photo(view, camera, {"without": names}, target) for names in ([], ["dark-level"]))
+    (row,) = [each for each in kept.decisions if each.effect == "dark-level"]
+    assert row.called_for and row.error == pytest.approx((0.02,) * 3, rel=1e-4)
+    assert [effect.kind for effect in sensor_effects(camera, kept.fidelity)] == ["dark-level"]
+    assert sensor_effects(camera, left.fidelity) == ()
+    again = Fidelity.load(left.fidelity.save(tmp_path / "fidelity.json"))
+    assert again == left.fidelity and sensor_effects(camera, again) == ()
+    with pytest.raises(InputError, match="dark-levels"):
+        plan_photo(view, camera, {"without": ["dark-levels"]}, target)
 
 
 def test_a_sensor_effect_before_the_converter_counts_in_all_noise(installed: Path, tmp_path: Path):
     """What is added before the converter is in whole steps of it behind; and plans, Wiener deconvolution and
     networks reckon with its variance, n / N^2 for n of N electrons."""
-    dark = '{ kind = "dark-current", electrons = 900, full_well_electrons = 10000 }'
-    camera = camera_of(tmp_path, f"[sensor]\nread_noise = 0.004\nbits = 5\neffects = [{dark}]")
+    camera = camera_of(tmp_path, f"[sensor]\nread_noise = 0.004\nbits = 5\neffects = [{DARK}]")
     assert [effect.kind for effect in sensor_effects(camera)] == [
         "read-noise",
         "dark-current",
@@ -96,26 +140,6 @@ def test_a_sensor_effect_before_the_converter_counts_in_all_noise(installed: Pat
     nodes = torch.tensor([0.5])
     restored, by = restore(photo, camera, torch.tensor([450e-9, 550e-9, 650e-9]), nodes, psfs=psfs)
     torch.testing.assert_close(restored, wiener(photo, psfs[0], variance**0.5))
-
-
-def test_a_sensor_effect_is_left_out_by_its_name(installed: Path, tmp_path: Path):
-    """It needs no effect of a plan of its own: the plan has one, whose error is that of n electrons of N, of
-    their mean and their noise (five standard errors of 256 pixels); a file keeps what is left out."""
-    dark = '{ kind = "dark-current", electrons = 900, full_well_electrons = 10000 }'
-    camera = camera_of(tmp_path, f"[sensor]\nread_noise = 0.0\nexposure = 1.0\neffects = [{dark}]")
-    light = View.flat(torch.full((3, 48, 48), 0.5), 0.7, margin=16, pixel_angle=camera.pixel_angle,
-                      wavelengths=[450e-9, 550e-9, 650e-9])  # fmt: skip
-    target = parse_target("60dB", None)
-    kept, left = (plan_photo(light, camera, {"without": names}, target) for names in ([], ["dark-current"]))
-    (row,) = [each for each in kept.decisions if each.effect == "dark-current"]
-    assert row.called_for and row.error == pytest.approx((0.09 * (1 + 1 / 900) ** 0.5,) * 3, rel=0.01)
-    assert [effect.kind for effect in sensor_effects(camera, kept.fidelity)] == ["dark-current"]
-    assert sensor_effects(camera, left.fidelity) == ()
-    assert not any(each.effect == "dark-level" for each in kept.decisions)  # it has one of its own
-    again = Fidelity.load(left.fidelity.save(tmp_path / "fidelity.json"))
-    assert again == left.fidelity and sensor_effects(camera, again) == ()
-    with pytest.raises(InputError, match="dark-currents"):
-        plan_photo(light, camera, {"without": ["dark-currents"]}, target)
 
 
 def test_a_module_is_tried_without_installing_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -141,7 +165,7 @@ def test_a_module_is_tried_without_installing_it(tmp_path: Path, monkeypatch: py
 
 def test_all_that_plugins_build_on_is_there():
     assert "SensorEffect" in dir(plugins) and all(getattr(plugins, name) for name in dir(plugins))
-    with pytest.raises(AttributeError, match="no 'Nothing'; there is Builder"):
+    with pytest.raises(AttributeError, match="no 'Nothing'; there is AnySurface"):
         _ = plugins.Nothing
 
 

@@ -13,7 +13,7 @@ from edofsim.core.images import write_png
 from edofsim.plan import EFFECTS
 from edofsim.recipe import load_camera, load_scene, shipped, shipped_folder
 from edofsim.recipe.kinds import MASKS, NETWORKS, OBJECTS
-from edofsim.recipe.load import load_train
+from edofsim.recipe.load import load_dataset, load_member_scene, load_train
 from edofsim.recipe.new import new_recipe
 from edofsim.render.readers import picture_view
 from edofsim.restore.checkpoint import comparison_checkpoints, shipped_checkpoints
@@ -31,6 +31,12 @@ def test_a_new_scene_can_be_built(tmp_path: Path):
     )
     assert recipe.name == "mine" and "@" not in path.read_text()
     assert len(build_scene(recipe, loaded.base).objects) >= 3
+
+
+def test_a_new_dataset_photographs_what_there_is(tmp_path: Path):
+    loaded = load_dataset(new_recipe("dataset", tmp_path / "pairs"))
+    assert loaded.recipe.name == "pairs" and load_camera(loaded.recipe.cameras[0])
+    assert load_member_scene(loaded.recipe.scenes[0].recipe, loaded.base)
 
 
 def test_a_new_camera_has_a_lens_and_a_new_training_names_what_there_is(tmp_path: Path):

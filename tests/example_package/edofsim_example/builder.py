@@ -6,11 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from edofsim.recipe.base import Positive
-from edofsim.recipe.placed import Placed
-from edofsim.recipe.surfaces import AnySurface, MattSurface
-from edofsim.scene import solids
-from edofsim.scene.builders import Builder, Context, Part
+from edofsim.plugins import AnySurface, Builder, Context, MattSurface, Part, Placed, Positive, mesh
 
 
 class Pyramid(Builder, Placed):
@@ -26,4 +22,4 @@ class Pyramid(Builder, Placed):
         w, h = self.width_mm / 2 * 1e-3, self.height_mm * 1e-3
         corners = np.array([(-w, 0, -w), (w, 0, -w), (w, 0, w), (-w, 0, w), (0, h, 0)])
         faces = np.array([(0, 1, 2), (0, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0)])
-        return [Part("", solids.mesh(corners, faces), context.surface(self.surface))]
+        return [Part("", mesh(corners, faces), context.surface(self.surface))]

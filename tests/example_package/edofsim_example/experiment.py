@@ -7,16 +7,12 @@ from typing import Annotated
 
 import typer
 
-from edofsim.core.progress import Progress
-from edofsim.optics import Camera, psf_bank
-from edofsim.options import CameraOption
-from edofsim.plugins import Findings, in_paper
-from edofsim.recipe import load_camera
-from edofsim.report import Key, Keys, Page
+import edofsim
+from edofsim.plugins import CameraOption, Findings, Key, Keys, Page, Progress, in_paper
 
 
 @in_paper(lambda paper: {"depth_m": 0.5})
-def run(
+def width(
     folder: Path,
     progress: Progress,
     camera: CameraOption = None,
@@ -26,10 +22,9 @@ def run(
 
     Figures: width_um.
     """
-    loaded = load_camera(camera or "paper-clear")
-    progress(0.0, loaded.recipe.name)
-    optics = Camera.from_recipe(loaded.recipe, loaded.base)
-    psf = psf_bank(optics, [543e-9], [1 / depth_m]).values[0, 0]
+    optics = edofsim.camera(camera or "paper-clear")
+    progress(0.0, optics.recipe.name)
+    psf = edofsim.psfs(optics, [depth_m], [543e-9]).values[0, 0]
     width = float(psf.sum() / psf.square().sum().sqrt()) * optics.pixel * 1e6
     page = Page("Width", "How wide a point becomes.", head=(Keys((Key("width", f"{width:.1f}", "µm"),)),))
     return Findings({"width_um": width}, page)

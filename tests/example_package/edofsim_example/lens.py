@@ -7,7 +7,7 @@ from typing import Literal
 
 from torch import Tensor
 
-from edofsim.optics.lenses.ideal import IdealLens
+from edofsim.plugins import IdealLens
 
 
 class SeidelLens(IdealLens):

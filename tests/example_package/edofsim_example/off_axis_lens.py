@@ -8,8 +8,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from edofsim.optics.lenses.base import Field
-from edofsim.optics.lenses.ideal import IdealLens
+from edofsim.plugins import Field, IdealLens
 
 
 class OffAxisLens(IdealLens):

@@ -12,10 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from edofsim.errors import InputError
-from edofsim.plugins import ViewReader, frame_indices, plain_view
-from edofsim.recipe.scene import SceneRecipe
-from edofsim.render.view import View
+from edofsim import InputError, View
+from edofsim.plugins import SceneRecipe, ViewReader, frame_indices, plain_view
 
 
 class LightField(ViewReader):

@@ -8,8 +8,7 @@ from typing import Any, Literal
 import torch
 from torch.nn.functional import interpolate
 
-from edofsim.capture.planes import surroundings
-from edofsim.plugins import Planes, Scenes, TrainingReader, Wanted
+from edofsim.plugins import Planes, Scenes, TrainingReader, Wanted, surroundings
 
 
 @dataclass(frozen=True)
