@@ -13,11 +13,11 @@ OUT ?= out
 # processes that share the tests; slow ones are run by themselves, since some measure seconds and memory
 WORKERS ?= $(shell nproc 2>/dev/null || getconf _NPROCESSORS_ONLN)
 
-.PHONY: help setup run check lint types test test-all results-check results bench paper docs docs-same clean
+.PHONY: help setup run check lint types test coverage test-all results-check results bench paper docs docs-same release clean
 .DEFAULT_GOAL := help
 
 help:
-	@sed -n 's/^#  *//p' Makefile | head -5; echo "targets: setup run check lint types test test-all results-check results bench paper docs docs-same clean"
+	@sed -n 's/^#  *//p' Makefile | head -5; echo "targets: setup run check lint types test coverage test-all results-check results bench paper docs docs-same release clean"
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
@@ -62,6 +62,10 @@ types: $(VENV)/.installed-tools
 test: setup $(VENV)/.installed-tools
 	OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
 
+# lines that `make test` runs; those that only processes of their own run are not counted
+coverage: PYTEST_ARGS += --cov=edofsim --cov-report=term:skip-covered
+coverage: test
+
 test-all: test
 	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
 
@@ -97,6 +101,14 @@ docs-same:
 	rm -rf docs/_build/doctrees docs/gallery
 	$(MAKE) docs
 	@$(BIN)/python docs/built.py same docs/_build/before docs/_build/html
+
+# what a release has: the wheel, the systems for comparison in a file of their own, and checksums
+release: $(VENV)/.installed
+	rm -rf dist
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	version=$$($(BIN)/python -c 'import edofsim; print(edofsim.__version__)'); \
+	  cd train/checkpoints/comparisons && $(CURDIR)/$(BIN)/python -m zipfile -c $(CURDIR)/dist/edofsim-comparisons-$$version.zip *.safetensors
+	cd dist && sha256sum * | tee SHA256SUMS
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info docs/_build docs/gallery docs/sg_execution_times.rst

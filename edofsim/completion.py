@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from .core.shipped import shipped, shipped_folder
+from .core.shipped import comparisons_folder, shipped, shipped_folder
 
 CHECKPOINT = ".safetensors"
 
@@ -55,8 +55,8 @@ def one_of(*names: str) -> Callable[[str], list[str]]:
 
 
 def _checkpoints() -> list[str]:
-    folder = shipped_folder("train") / "checkpoints"
-    return [*shipped(folder, CHECKPOINT), *shipped(folder / "comparisons", CHECKPOINT)]
+    folders = shipped_folder("train") / "checkpoints", comparisons_folder()
+    return [name for folder in folders for name in shipped(folder, CHECKPOINT)]
 
 
 def _fitting(incomplete: str, names: Iterable[str], suffix: str) -> list[str]:

@@ -19,7 +19,7 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-PROGRAMS = {"pytest-xdist", "pyrefly", "ruff"}  # commands and a plugin: nothing imports them
+PROGRAMS = {"pytest-cov", "pytest-xdist", "pyrefly", "ruff"}  # commands and plugins: nothing imports them
 BY_BENCHOPT = {"benchopt"}
 """What `benchopt install` installs for its solvers, as their `requirements` say."""
 UNPINNED = {"deepinv"}

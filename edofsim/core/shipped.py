@@ -6,6 +6,8 @@ import logging
 from importlib.util import find_spec
 from pathlib import Path
 
+from platformdirs import user_data_dir
+
 LOG = logging.getLogger(__name__)
 RENAMED = {"any-bank": "universal", "told-dcnn": "depth-dcnn"}
 """Earlier names of networks and their trainings."""
@@ -25,6 +27,13 @@ def shipped_folder(name: str) -> Path:
     package = Path(__file__).resolve().parent.parent
     installed = package / "shipped" / name
     return installed if installed.is_dir() else package.parent / IN_CHECKOUT.get(name, name)
+
+
+def comparisons_folder() -> Path:
+    """Checkpoints of systems for comparison: in the checkout, or where the user of an installed package
+    unpacks those of a release (`make release`)."""
+    folder = shipped_folder("train") / "checkpoints" / "comparisons"
+    return folder if folder.is_dir() else Path(user_data_dir("edofsim", appauthor=False)) / "comparisons"
 
 
 def installed(package: str) -> Path:

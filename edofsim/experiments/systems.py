@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,13 +18,14 @@ from ..optics import cache as bank_cache
 from ..recipe.fabrication import Fabrication
 from ..recipe.load import load_camera
 from ..restore import wiener
-from ..restore.checkpoint import comparison_checkpoints, shipped_checkpoints
+from ..restore.checkpoint import comparison_checkpoints, comparisons_left_out, shipped_checkpoints
 from ..restore.light import without_glare
 from .failures import Failures
 from .restorations import Restoration, known_of
 from .sources import WITHOUT_TRAINING, one_of_each, system_of
 from .training import Training
 
+LOG = logging.getLogger(__name__)
 READ_NOISE = 0.005
 NEAREST_PER_M = 2.0
 
@@ -76,6 +78,8 @@ def usable_systems(
 ) -> tuple[list[EvaluatedSystem], Failures]:
     """The same, and what is wrong with those that are none. Raises InputError where all are."""
     trained = shipped_checkpoints() | (comparison_checkpoints() if every else {})
+    if every and not names and (left_out := comparisons_left_out()):
+        LOG.warning("%s", left_out)
     found: list[EvaluatedSystem] = []
     failures = Failures()
     for name in names or (*trained, *WITHOUT_TRAINING):

@@ -27,9 +27,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
+from .. import __version__
 from ..core.files import write_bytes
 from ..core.json_values import Json
-from ..core.shipped import RENAMED, today
+from ..core.shipped import RENAMED, comparisons_folder, today
 from ..errors import InputError, first_line
 from ..optics import PAPER_COLOURS, Camera
 from ..optics.fabrication import unscattered_fraction
@@ -90,8 +91,17 @@ def any_camera_checkpoints() -> dict[str, Path]:
 
 
 def comparison_checkpoints() -> dict[str, Path]:
-    """Those of the systems that ours are compared with, by name."""
-    return _checkpoints_in(shipped_folder("train") / "checkpoints" / "comparisons")
+    """Those of the systems that ours are compared with, by name; of an installed package, those of the
+    release's file that somebody unpacked, see `comparisons_left_out`."""
+    return _checkpoints_in(comparisons_folder())
+
+
+def comparisons_left_out() -> str:
+    """Where to get the systems for comparison, a sentence; empty where they are there."""
+    if comparison_checkpoints():
+        return ""
+    file, folder = f"edofsim-comparisons-{__version__}.zip", comparisons_folder()
+    return f"the systems for comparison are not installed: unpack {file} of the release into {folder}"
 
 
 def _checkpoints_in(folder: Path) -> dict[str, Path]:
@@ -116,8 +126,11 @@ def find_checkpoint(source: str | Path) -> Path:
     known = shipped_checkpoints() | any_camera_checkpoints() | comparison_checkpoints()
     if (name := today(str(source))) in known:
         return known[name]
-    names = ", ".join(known) or "none"
-    raise InputError(f"{source}: no such checkpoint file, and none shipped of that name; shipped: {names}")
+    names, more = ", ".join(known) or "none", comparisons_left_out()
+    raise InputError(
+        f"{source}: no such checkpoint file, and none shipped of that name; shipped: {names}"
+        + (more and f"; {more}")
+    )
 
 
 def save_checkpoint(
