@@ -50,8 +50,8 @@ def nodes_between(
 
     camera: as it is simulated, with its mask.
     wavelengths: [band], metres, of the light that the sensor adds up.
-    far: scalar [], 1/m, the least and the largest inverse depth, 1/m.
-    near: scalar [], 1/m, the least and the largest inverse depth, 1/m.
+    far: scalar [], the least inverse depth, 1/m.
+    near: scalar [], the largest, 1/m.
     difference: of photos at neighbouring nodes.
     most: nodes; where a camera asks for more, those parts that differ most are halved.
 

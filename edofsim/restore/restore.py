@@ -152,6 +152,6 @@ def deconvolved(photo: Tensor, psf: Tensor, noise: float, shares: Tensor | None 
     photo: [..., channel, y, x].
     psf: [depth, channel, y, x].
     noise: standard deviation before the glare was taken off.
-    shares: [depth], of `wiener`; None for all alike, of `wiener`. .
+    shares: [depth], how likely each depth is, with the sum 1; None where all are alike.
     """
     return wiener(photo, *without_truncated(psf, noise, shares), shares=shares)

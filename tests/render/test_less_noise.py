@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from edofsim.render import rendering, translate
-from edofsim.render.passes import launches_of
+from edofsim.render.passes import Group, LaunchResult, Sums, launches_of, pass_sizes
 from edofsim.render.rendering import render_model
 
 
@@ -62,8 +62,9 @@ def test_means_are_those_of_plain_rendering(ours, make, monkeypatch, other):
     if other == "light samples for the sky":
         monkeypatch.setattr(translate, "SMOOTH_SKY", 0.0)
     else:
-        monkeypatch.setattr(rendering, "launches_of", lambda *arguments: [
-            replace(launch, samples=launch.weight) for launch in launches_of(*arguments)])  # fmt: skip
+        monkeypatch.setattr(rendering, "launches_of", lambda groups, number, samples, bands: [
+            replace(launch, samples=samples, weight=samples)
+            for launch in launches_of(groups, number, samples, bands)])  # fmt: skip
     plain = images(room(make), make.settings(16, 8, **SETTINGS), first=1000)
     seen = (ours.var(0) + plain.var(0)) > 0
     assert seen[1].any()
@@ -76,3 +77,25 @@ def test_means_are_those_of_plain_rendering(ours, make, monkeypatch, other):
     assert smallest(ours * np.array([1, 1.1])[:, None]) < least  # 10 % too much light behind edges is found
     noise, before = (each.var(0, ddof=1).mean(-1) for each in (ours, plain))
     assert noise[0] < 0.8 * before[0] if "sky" in other else noise[1] > 1.3 * before[1]
+
+
+def test_where_all_is_alike_fewer_samples_give_the_same(make):
+    """Every sample meets a surface at 2 m of radiance 3, seen or behind an edge: that is what comes out,
+    however few samples a pass takes there, an odd number of them, too."""
+    pixels, limit = np.arange(4), np.full(4, 1.0, np.float32)
+    groups = (Group((), pixels, None, 0), Group((limit,), pixels, None, 4))
+    frame, sums = make.settings(2, 2, samples=11), Sums.empty(groups, bands=2)
+    assert list(pass_sizes(frame)) == [4, 4, 3]
+    for number, samples in enumerate(pass_sizes(frame)):
+        launches = launches_of(groups, number, samples, bands=2)
+        assert sum(launch.samples for launch in launches) < 2 * samples
+        for launch in launches:
+            hits = np.full(4, float(launch.samples))
+            sums.add(launch, groups, LaunchResult([np.stack([3 * hits] * 2)], [hits], [hits / 2]))
+        sums.finished(number, samples)
+    view = rendering.assemble(np.array([5e-7, 6e-7]), frame, groups, sums, {})
+    assert view.hidden.sum() == len(view.pixel) / 2 == 4
+    np.testing.assert_allclose(view.coverage, 1, rtol=1e-6)
+    np.testing.assert_allclose(view.radiance, 3, rtol=1e-6)
+    np.testing.assert_allclose(view.inverse_depth, 0.5, rtol=1e-6)
+    np.testing.assert_allclose(view.half_difference, 0, atol=1e-6)

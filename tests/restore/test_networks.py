@@ -15,6 +15,7 @@ from edofsim.errors import InputError
 from edofsim.optics import psf_bank
 from edofsim.recipe.load import shipped_folder
 from edofsim.restore import filter_bank
+from edofsim.restore.blur_likelihood import BLOCK, STEP
 from edofsim.restore.borders import continued
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, save_checkpoint, trained_camera
 from edofsim.restore.filter_bank import BEYOND, compressed
@@ -83,10 +84,12 @@ def test_checkpoints_that_ship_are_small() -> None:
     assert 4 * weights_of(build_network("local-unet")) < 2_000_000
 
 
-def test_a_bank_of_filters_is_a_convolution_that_continues_the_border() -> None:
+@pytest.mark.parametrize("size", [(21, 34), (filter_bank.TILE + 9, 2 * filter_bank.TILE)])
+def test_a_bank_of_filters_is_a_convolution_that_continues_the_border(size: tuple[int, int]) -> None:
+    """Also where the photo takes several transforms, which overlap by the filters' support less a pixel."""
     bank = build_network("filter-bank", {"groups": 3, "support": 7})
     bank.filters.copy_(torch.randn(bank.filters.shape, generator=torch.Generator().manual_seed(6)))
-    photo = torch.rand(2, 3, 21, 34, generator=torch.Generator().manual_seed(7))
+    photo = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(7))
     padded = torch.nn.functional.pad(photo, (3, 3, 3, 3), mode="replicate")
     expected = torch.nn.functional.conv2d(padded, bank.filters)
     torch.testing.assert_close(bank.filtered(photo).flatten(1, 2), expected, rtol=1e-5, atol=1e-5)
@@ -244,6 +247,22 @@ def test_a_bank_sees_no_further_than_its_radius() -> None:
         same, here, changed = (bank(each)[0, :, place, place] for each in (photo, other, closer))
     torch.testing.assert_close(here, same, rtol=0, atol=1e-5)
     assert (changed - same).abs().max() > 1e-4
+
+
+@pytest.mark.parametrize("sideways", [False, True])
+def test_a_told_bank_restores_in_tiles_as_whole(sideways: bool) -> None:
+    """Which filter counts at a pixel follows from the blocks about it. The pixel lies between places `STEP`
+    apart, each is judged with its neighbours, `STEP` further, and a block reaches half its width beyond. To
+    that the U-Net adds its own: 2 pixels each for the first and the last convolution and for the block of
+    3 x 3 at half the resolution, and 2 that share a coarse one."""
+    bank = _told_bank()
+    assert bank.radius == (STEP + STEP + BLOCK // 2) + (2 + 2 + 2 + 2)
+    photo = 0.5 + 0.02 * torch.randn(3, 40, 290, generator=torch.Generator().manual_seed(12))
+    # the first tile ends at 64 and sees 64 more: blurred in the farther half of these
+    photo[..., 96:] = torch.nn.functional.avg_pool2d(photo[..., 96:], 7, 1, 3)
+    photo = photo.mT if sideways else photo
+    whole, tiled = (apply_network(bank, photo, tile=tile) for tile in (512, 64))
+    torch.testing.assert_close(tiled, whole, rtol=0, atol=2e-6)
 
 
 def test_a_checkpoint_keeps_what_a_bank_was_told(tmp_path: Path) -> None:

@@ -83,8 +83,6 @@ class Sample:
 def sample(seen: Pupil, wavelengths: Tensor, hits: list[Hit] | None = None) -> Sample:
     """Rays in rings from places in the field, as of `waves`; hits: as of `trace`.
 
-    wavelengths: [field], or several of one place, metres.
-
     wavelengths: [field] or, of one place, [wavelength], metres.
 
     Raises InputError outside the data of a glass.
