@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -100,7 +100,9 @@ def run(
             result = replace(result, photo=replace(result.photo, colours=None))
         progress(0.98, "report")
         started = clock.perf_counter()
-        outputs = _written(result, folder, _cost_chart(result, folder, progress) if cost else None)
+        options = words_of({**vars(simulated), "network": network, "resample": resample or None})
+        chart = _cost_chart(result, folder, progress) if cost else None
+        outputs = _written(result, folder, chart, options)
         numbers = pipeline.figures(result)
         _add_report(numbers, clock.perf_counter() - started)
         inputs = inputs_of(scene_recipe, camera_recipe, network=network)
@@ -115,7 +117,17 @@ def _add_report(numbers: dict[str, float], seconds: float) -> None:
     numbers["seconds.processor"], numbers["peak_memory_mib"] = processor_seconds(), peak_memory_mib()
 
 
-def _written(result: Run, folder: Path, chart: Plot | None) -> dict[str, Path]:
+def words_of(options: Mapping[str, object]) -> list[str]:
+    """Options by name, as they are typed; those that are None are left out."""
+    words: list[str] = []
+    for name, given in options.items():
+        for value in given if isinstance(given, list) else [given]:
+            if value is not None:
+                words += ["--" + name.strip("_").replace("_", "-"), *([] if value is True else [str(value)])]
+    return words
+
+
+def _written(result: Run, folder: Path, chart: Plot | None, options: Sequence[str]) -> dict[str, Path]:
     """The images of a run and its page."""
     import torch
 
@@ -134,7 +146,7 @@ def _written(result: Run, folder: Path, chart: Plot | None) -> dict[str, Path]:
     longest_first = [LINEAR, *images]
     paths = dict(zip(longest_first, in_threads(saved, longest_first, torch.device("cpu")), strict=True))
     outputs = {name: paths[name] for name in (*images, LINEAR)}
-    return outputs | {"report": write_run_report(folder / "report.html", result, chart)}
+    return outputs | {"report": write_run_report(folder / "report.html", result, chart, options)}
 
 
 def _lines(result: Run, numbers: Mapping[str, float]) -> list[str | Table]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,19 +53,25 @@ FOCUSED_PX = 640
 PICTURE = 250  # samples across the picture of the DOE
 
 
-def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
+def write_run_report(path: Path, result: Run, cost: Plot | None = None, options: Sequence[str] = ()) -> Path:
     """Write the page of a run as one HTML file and return its path.
 
-    cost: chart of what accuracy costs. Raises InputError where it cannot be written.
+    cost: chart of what accuracy costs.
+    options: see `run_page`.
+
+    Raises InputError where it cannot be written.
     """
-    return write_page(path, run_page(result, _focused(result), cost))
+    return write_page(path, run_page(result, _focused(result), cost, options))
 
 
-def run_page(result: Run, focused: Mapping[float, Tensor], cost: Plot | None = None) -> Page:
+def run_page(
+    result: Run, focused: Mapping[float, Tensor], cost: Plot | None = None, options: Sequence[str] = ()
+) -> Page:
     """The page of a run.
 
     focused: what the lens alone sees when it is focused elsewhere, [3, y, x] by distance in metres.
     cost: chart of what accuracy costs.
+    options: of the command that makes the same run, in addition to its recipes and seed.
     """
     images = {"ideal": result.photo.ideal, "photo": result.photo.image, "restored": result.restored}
     if result.wiener is not None:
@@ -85,7 +91,7 @@ def run_page(result: Run, focused: Mapping[float, Tensor], cost: Plot | None = N
         Section("Optics", _optics(result)),
         Section("Plan", _plan(result.plan, result.plan_lens_alone, cost)),
         Section("Time and memory", _cost(result)),
-        Section("Reproduce", _reproduce(result)),
+        Section("Reproduce", _reproduce(result, options)),
     ]
     notes = _notes(result.view.metadata, result.noise.state)
     focus = _focus(shown, focused)
@@ -243,10 +249,10 @@ def _cost(result: Run) -> tuple[Block, ...]:
     return (SideBySide((time_plot(result.seconds), Pairs({**known, **named}))),)
 
 
-def _reproduce(result: Run) -> tuple[Block, ...]:
+def _reproduce(result: Run, options: Sequence[str]) -> tuple[Block, ...]:
     recipes = (result.scene, result.camera)
     command = ["edofsim", "run", typed_as(result.scene.path), "--camera", typed_as(result.camera.path)]
-    blocks: list[Block] = [Code(shlex.join([*command, "--seed", str(result.seed)]))]
+    blocks: list[Block] = [Code(shlex.join([*command, "--seed", str(result.seed), *options]))]
     blocks += [Code(each.text, each.path.name) for each in recipes]
     return (*blocks, Pairs(versions(), "Versions", closed=True))
 

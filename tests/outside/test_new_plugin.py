@@ -62,7 +62,10 @@ def test_a_new_package_goes_through_the_commands(hers: Path):
     checkpoint = "trained/example.safetensors"
     # 1 / (1 + (n / 0.01)^2) of the middle of the range of noise, 0.001 to 0.015
     assert float(load_checkpoint(checkpoint).network.trust) == pytest.approx(1 / 1.64)
-    invoke(["run", "scene.toml", "--camera", "camera.toml", "--network", checkpoint, "--json", "run.json"])
+    again = ["run", "scene.toml", "--camera", "camera.toml", "--seed", "3", "--accuracy", "45dB"]
+    again += ["--without", "bands", "--network", checkpoint]
+    invoke([*again, "--json", "run.json"])
+    assert " ".join(["edofsim", *again]) in Path("out/example/report.html").read_text()
     run = json.loads(Path("run.json").read_text())
     (dark,) = [each for each in run["plan"] if each["effect"] == "dark current"]
     assert run["restored_by"] == "example" and dark["chosen"] == "counted"
@@ -71,11 +74,31 @@ def test_a_new_package_goes_through_the_commands(hers: Path):
     assert json.loads(Path("width.json").read_text())["figures"]["width_um"] > 6
 
 
+OFF_AXIS = 'kind = "off-axis"\ncoma = 20\nshadow = 1.0'
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("plots_left_out")
 def test_what_accuracy_costs_by_a_new_package(hers: Path):
     invoke(["cost", "scene.toml", "--camera", "camera.toml", "--repeats", "1", "--json", "cost.json"])
     assert json.loads(Path("cost.json").read_text())["figures"]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("plots_left_out")
+def test_a_lens_that_varies_goes_through_the_commands_or_is_refused(hers: Path):
+    """Its network is conditioned on one set of PSFs: a training says that it takes none that vary."""
+    camera = (hers / "camera.toml").read_text()
+    (hers / "camera.toml").write_text(
+        camera.replace('kind = "seidel"', OFF_AXIS).replace("waves = 0.25\n", "")
+    )
+    invoke(["run", "scene.toml", "--camera", "camera.toml", "--network", "wiener", "--json", "run.json"])
+    run = json.loads(Path("run.json").read_text())
+    (field,) = [each for each in run["plan"] if each["effect"] == "field dependence"]
+    assert field["called_for"] and run["figures"]["psnr_db.restored"] > 0
+    invoke(["evaluate", "width", "--camera", "camera.toml", "--out", "width"])
+    with pytest.raises(InputError, match="'off-axis' vary over the frame, and network.kind = 'unsharp-mask'"):
+        invoke(["train", "train.toml", "--out", "trained"])
 
 
 @pytest.mark.slow
