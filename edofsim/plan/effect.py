@@ -47,13 +47,14 @@ class Level:
 class Effect:
     """One effect of light, optics or sensor.
 
-    name; absent(facts): why scene or camera do not have it, empty where they do; levels(facts): from left out
-    to in full, which is no change to the full simulation; why(facts): what it comes from, a clause.
-    differences(facts, levels): what each of some levels changes in the photo, as tensors [channel, n] whose
-    sum of squares over n is the mean square over the frame; where it is not given, PSFs are taken to change
-    (see `Spectra.by_psfs`). error(facts, level): the error itself of a level that is not full, where it needs
-    no look at the light.
-
+    name: by which `--without` leaves it out.
+    levels: from left out to in full, which is no change to the full simulation.
+    why: what it comes from, a clause.
+    absent: why scene or camera do not have it, a clause; empty where they do.
+    differences: what each of some levels changes in the photo, as tensors [channel, n] whose sum of squares
+        over n is the mean square over the frame. Where it is not given, PSFs are taken to change (see
+        `Spectra.by_psfs`).
+    error: of a level that is not full, where it needs no look at the light.
     added: how errors add up with others: `image` (by the correlation of differences), `noise` (independent)
         or `bias` (the worst case: linearly).
     within: an effect without which this one does not matter.
