@@ -70,7 +70,7 @@ class Restorer(nn.Module):
         raise NotImplementedError
 
     def psf_state(self) -> object:
-        """What it was given by `set_psfs`, for `use`."""
+        """What it was given by `set_psfs`, for `load_psf_state`."""
         return tuple(getattr(self, name) for name in self.psf_buffers)
 
     def load_psf_state(self, known: object) -> None:
