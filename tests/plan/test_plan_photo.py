@@ -478,10 +478,15 @@ def test_few_parts_are_not_trusted_where_two_and_three_show_the_same_by_luck(
     assert len(some) == 2 and all(overall(each) >= 0.33 * overall(whole) for each in some)
 
 
-def test_small_windows_are_judged_by_the_larger_of_spectra_and_coarse_photos(monkeypatch: pytest.MonkeyPatch):
-    """From a quarter of the recipe's window on: behind edges spectra alone are optimistic."""
+@pytest.mark.parametrize("times", [1, 4, 5, 12])
+def test_small_windows_are_judged_by_the_larger_of_spectra_and_coarse_photos(
+    monkeypatch: pytest.MonkeyPatch, times: int
+):
+    """From a quarter of the recipe's window on, or four large pixels: behind edges spectra alone are
+    optimistic."""
     camera = Camera.from_recipe(CAMERA.recipe.model_copy(update={"psf": PsfSettings(window_px=128)}))
     facts = replace(facts_of(scene(STEP, hidden=True), camera), allowed=1.0)
+    facts.__dict__["coarse"] = replace(facts.coarse, times=times)
     few, full = window.levels(facts)[:-1], 128
     little, much = torch.full((3, 4), 1e-3), torch.full((3, 4), 1e-2)
     monkeypatch.setattr(window, "of_psfs", lambda facts, levels: [little for _ in levels])
@@ -491,7 +496,7 @@ def test_small_windows_are_judged_by_the_larger_of_spectra_and_coarse_photos(mon
     )
     assert {16, 32, 48} < found.keys()
     for side, change in found.items():
-        assert torch.equal(change, much if side >= full / 4 else little)
+        assert torch.equal(change, much if side >= min(full / 4, 4 * times) else little)
 
 
 def test_parts_change_little_by_the_bands_and_layers_that_they_are_told_apart_in(

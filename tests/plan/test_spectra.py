@@ -19,7 +19,7 @@ from edofsim.optics import Camera, psf_bank
 from edofsim.plan import facts_of
 from edofsim.plan.coarse import coarse_of, coarser
 from edofsim.plan.effect import Level
-from edofsim.plan.effects import all_effects, depth_layers
+from edofsim.plan.effects import all_effects, depth_layers, window
 from edofsim.plan.estimate import _products, estimate
 from edofsim.plan.fragments import Fragments
 from edofsim.plan.otfs import otfs_of, reach_of
@@ -149,27 +149,53 @@ def test_tiles_stand_for_the_frame():
 def bars(rows: int = 144, columns: int = 176, bands: int = 4) -> View:
     """Dark bars in front of a bright surface, which goes on behind them."""
     x, y = torch.arange(columns), torch.arange(rows)[:, None]
-    near = ((x // 20) % 3 == 0).expand(rows, columns).flatten()
-    bright = 0.6 + 0.3 * (torch.sin(2 * torch.pi * x / 90) * torch.cos(2 * torch.pi * y / 70)).flatten()
+    near = ((x // 20) % 3 == 0).expand(rows, columns)
+    bright = 0.6 + 0.3 * (torch.sin(2 * torch.pi * x / 90) * torch.cos(2 * torch.pi * y / 70))
     dark = 0.3 + 0.1 * torch.rand(rows * columns, generator=torch.Generator().manual_seed(0))
-    every = torch.arange(rows * columns)
-    pixel = torch.cat([every, every[near]])
+    return in_front(near, dark, bright, bands)
+
+
+def in_front(near: torch.Tensor, light: torch.Tensor, behind: torch.Tensor, bands: int = 4) -> View:
+    """A surface where `near` [y, x], in front of one that goes on behind it, with the light of each."""
+    light, behind, nearer = light.flatten(), behind.flatten(), near.flatten()
+    every, margin = torch.arange(near.numel()), 24
+    pixel = torch.cat([every, every[nearer]])
     hidden = torch.arange(len(pixel)) >= len(every)
-    depth = torch.where(torch.cat([near, near[near]]) & ~hidden, 2.0, 0.3)
-    light = torch.cat([torch.where(near, dark, bright), bright[near]])
+    depth = torch.where(torch.cat([nearer, nearer[nearer]]) & ~hidden, 2.0, 0.3)
+    shine = torch.cat([torch.where(nearer, light, behind), behind[nearer]])
     order = torch.argsort(pixel * 2 + hidden)
     return View(
-        height=rows - 48,
-        width=columns - 48,
-        margin=24,
+        height=near.shape[0] - 2 * margin,
+        width=near.shape[1] - 2 * margin,
+        margin=margin,
         pixel=pixel[order],
         coverage=torch.ones(len(order)),
         inverse_depth=depth[order],
-        radiance=light[order].repeat(bands, 1),
+        radiance=shine[order].repeat(bands, 1),
         hidden=hidden[order],
         wavelengths=torch.linspace(450e-9, 650e-9, bands, dtype=torch.float64),
         pixel_angle=CAMERA.pixel_angle,
     )
+
+
+def test_surfaces_hide_what_is_behind_however_narrow_the_window():
+    """A fence out of focus whose left half is dark, as all behind it is there: a window of 16 pixels errs by
+    what it does in a photo; by half of this, if light that it loses let as much through from behind."""
+    recipe = CameraRecipe(name="test", psf=PsfSettings(window_px=128), mask={"kind": "cubic"})
+    x = torch.arange(192)
+    light = torch.where(x < 96, 0.1, 0.9).expand(192, 192)
+    view = in_front(((x // 8) % 6 != 0).expand(192, 192), light, light)
+    facts = facts_of(view, Camera.from_recipe(recipe))
+    narrow = window.levels(facts)[0]
+    full = facts.full.changed({"sub_apertures": 1})
+    photo, other = (
+        capture(view, facts.camera, each, exposure=facts.exposure).clean
+        for each in (full, full.changed(narrow.change))
+    )
+    truth = float((other - photo).square().mean().sqrt())
+    (seen,) = window.differences(facts, [narrow])
+    assert narrow.change == {"window_px": 16}
+    assert float(seen.square().sum(1).mean().sqrt()) == pytest.approx(truth, rel=0.1)
 
 
 @pytest.mark.parametrize("change", [{"lens_dispersion": False}, {"spherical_aberration": False}])

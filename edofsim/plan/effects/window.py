@@ -16,6 +16,8 @@ OFF_AXIS_SHARE = 0.5
 are those of the axis, and PSFs of other places are wider."""
 SMALLEST_WINDOW_SHARE = 0.25
 """Share of the recipe's window. Windows of at least that are also seen in coarse photos with occlusion."""
+SMALLEST_WINDOW_PX = 4
+"""Likewise, in large pixels: fewer reach much farther to one side than to the other."""
 
 
 def levels(facts: Facts) -> list[Level]:
@@ -30,12 +32,14 @@ def why(facts: Facts) -> str:
 
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
-    """Of spectra; where surfaces hide others, what lies in front also covers less of what is behind with
-    narrower PSFs. Of windows that leave little else this is seen in coarse photos, and the larger counts."""
+    """Of spectra and, where surfaces hide others, of coarse photos: the larger counts. By spectra, light that
+    a narrow window loses lets as much through from behind; in photos a surface hides it all the same.
+    Windows that err by more than is allowed anyway are not photographed."""
     found = of_psfs(facts, levels)
     if facts.full.occlusion != "hidden":
         return found
-    least = SMALLEST_WINDOW_SHARE * facts.camera.recipe.psf.window_px
+    share = SMALLEST_WINDOW_SHARE * facts.camera.recipe.psf.window_px
+    least = min(share, SMALLEST_WINDOW_PX * facts.coarse.times)
     wide = [
         number
         for number, level in enumerate(levels)
