@@ -79,9 +79,10 @@ class Registry(Mapping[str, T], Generic[T]):
         for module in _modules(os.environ.get(TRIED, "")):
             for attribute, thing in vars(module).items():
                 if self._holds(thing) and thing is not _imported(self.base):
-                    # code of a class is where it is defined, not where it is imported, see `code_of`
-                    home = thing.__module__ if isinstance(thing, type) else module.__name__
-                    found |= {name: f"{home}:{attribute}" for name in self.names_of(thing)}
+                    place = f"{module.__name__}:{attribute}"
+                    if isinstance(thing, type):  # where it is defined, for `code_of`
+                        place = f"{thing.__module__}:{thing.__qualname__}"
+                    found |= dict.fromkeys(self.names_of(thing), place)
         return found
 
     def names_of(self, thing: object) -> tuple[str, ...]:

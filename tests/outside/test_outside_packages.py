@@ -154,6 +154,10 @@ def test_a_module_is_tried_without_installing_it(tmp_path: Path, monkeypatch: py
     MASKS.look_again()
     try:
         assert camera_of(tmp_path, '[mask]\nkind = "mine"').mask.kind == "mine"
+        (tmp_path / "hers.py").write_text("from mine import Mine as Other")
+        monkeypatch.setenv("EDOFSIM_PLUGINS", "hers")
+        MASKS.look_again()
+        assert MASKS.place("mine") == "mine:Mine" and len(MASKS.code_of("mine")) == 64
         monkeypatch.setenv("EDOFSIM_PLUGINS", "no_such_module")
         MASKS.look_again()
         with pytest.raises(InputError, match="EDOFSIM_PLUGINS=no_such_module: cannot be imported"):
