@@ -18,6 +18,7 @@ import torch
 
 from edofsim.core.progress import Progress
 from edofsim.learn import train
+from edofsim.learn.doe import maps_of
 from edofsim.learn.setup import Setup, prepare
 from edofsim.learn.trainer import draw_batch
 from edofsim.learn.workers import Workers, choose_device
@@ -72,7 +73,7 @@ def step_seconds(setup: Setup) -> tuple[float, float]:
         system(draw_batch(setup, 0, workers)).loss.backward()
 
     def optics() -> None:
-        captured = draw.scenes.photograph(system.optics.with_height(system.mask()))
+        captured = draw.scenes.photograph(system.optics.with_mask(maps_of(system.mask)))
         outputs = captured.clean, captured.truncated
         torch.autograd.backward(outputs, (captured.ideal, captured.truncated.detach()))
 

@@ -81,7 +81,7 @@ def mitsubas(mesh: trimesh.Trimesh, folder: Path, samples: int) -> np.ndarray:
     at = (LAMP_AT[0], LAMP_AT[1], -LAMP_AT[2])
     half = LAMP_SIDE / 2
 
-    def facing(origin: tuple[float, float, float]) -> object:
+    def facing(origin: tuple[float, float, float]) -> mi.ScalarTransform4f:
         return mi.ScalarTransform4f().look_at(origin=origin, target=(0, 0, -1), up=(0, 1, 0))
 
     grey = {"type": "rgb", "value": 0.5}

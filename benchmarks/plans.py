@@ -31,6 +31,7 @@ from edofsim.experiments.predictions import MASKS, SCENES, camera_of, small_vers
 from edofsim.optics import Camera
 from edofsim.optics import cache as psf_memory
 from edofsim.plan import Planner, plan_photo, planner_of, remember
+from edofsim.plan.effect import Level
 from edofsim.recipe import load_scene
 from edofsim.render import render
 from edofsim.render.view import View
@@ -87,8 +88,8 @@ class Bench:
                 plan = plan_photo(case.view, case.camera, every_effect=False)
                 taken = time.process_time() - started
             db, seconds = self.measured(case, plan.fidelity)
-            found = {"db": db, "planning": taken, "seconds": seconds, "asked": plan.asked_db}
-            self._kept.put(key, found)
+            found = {"db": db, "planning": taken, "seconds": seconds}
+            self._kept.put(key, {**found, "asked": plan.asked_db})
         return found["db"], found["planning"], found["seconds"]
 
     def full(self, case: Case) -> float:
@@ -164,7 +165,7 @@ def predicted(planner: Planner, preset: Preset) -> float:
     return -20 * math.log10(error) if error else math.inf
 
 
-def _same(levels: Sequence, preset: Preset, keys: Sequence[str], other: int) -> int:
+def _same(levels: Sequence[Level], preset: Preset, keys: Sequence[str], other: int) -> int:
     for number, level in enumerate(levels[:-1]):
         if all(level.change.get(key) == preset[key] for key in keys):
             return number

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .learn.reader import TrainingReader, Wanted
     from .learn.system import Planes, Scenes
     from .optics.lenses.base import Field, Lens
-    from .optics.lenses.ideal import IdealLens
+    from .optics.lenses.ideal import ThinLens
     from .optics.masks import Finite, Mask, SmoothMask
     from .options import CameraOption
     from .plan.effect import Effect, Errors, Level
@@ -63,7 +63,7 @@ _IN = {
     "learn.reader": "TrainingReader Wanted",
     "learn.system": "Planes Scenes",
     "optics.lenses.base": "Field Lens",
-    "optics.lenses.ideal": "IdealLens",
+    "optics.lenses.ideal": "ThinLens",
     "optics.masks": "Finite Mask SmoothMask",
     "options": "CameraOption",
     "plan.effect": "Effect Errors Level",

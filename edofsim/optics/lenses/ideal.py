@@ -1,4 +1,4 @@
-"""The ideal lens."""
+"""The ideal lens, and what others like it derive from."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from ...recipe.base import Positive
 from .base import Lens
 
 
-class IdealLens(Lens):
-    """A thin lens without aberrations, the same for all wavelengths: a point in focus is imaged as the
-    aperture diffracts it. `f_number` is the focal length over the aperture's diameter."""
+class ThinLens(Lens):
+    """A lens of a focal length and an f-number, the same for all wavelengths, that adds no phase but what a
+    class of its own says."""
 
-    kind: Literal["ideal"]
     focal_length_mm: Positive
     """focal length, mm"""
     f_number: Positive
@@ -38,3 +37,10 @@ class IdealLens(Lens):
     @property
     def disperses(self) -> bool:
         return False
+
+
+class IdealLens(ThinLens):
+    """A thin lens without aberrations, the same for all wavelengths: a point in focus is imaged as the
+    aperture diffracts it. `f_number` is the focal length over the aperture's diameter."""
+
+    kind: Literal["ideal"]

@@ -15,13 +15,13 @@ from ...recipe.base import NotNegative, Positive
 from ..measured.bank import MeasuredBank, psfs_between
 from ..measured.files import Stated, digest, read_bank
 from .base import Field
-from .ideal import IdealLens
+from .ideal import ThinLens
 
 MOST = 10_000
 """PSFs along an axis."""
 
 
-class MeasuredLens(IdealLens):
+class MeasuredLens(ThinLens):
     """A lens by PSFs in a `file`: .npy, .npz, .mat, .exr, or a folder of pictures called `0.5m_543nm.png` or
     `10deg_0.5m_543nm.png`. They hold what stood in its pupil, and the pixels they were measured on.
 
@@ -30,7 +30,7 @@ class MeasuredLens(IdealLens):
     of one may be left out.
     """
 
-    kind: Literal["measured"]  # pyrefly: ignore[bad-override]
+    kind: Literal["measured"]
     file: str
     """file or folder with the PSFs"""
     inverse_depths_per_m: Annotated[tuple[NotNegative, ...], Key(max_length=MOST)] = ()

@@ -7,10 +7,10 @@ from typing import Literal
 
 from torch import Tensor
 
-from edofsim.plugins import IdealLens
+from edofsim.plugins import ThinLens
 
 
-class SeidelLens(IdealLens):
+class SeidelLens(ThinLens):
     """An ideal lens that adds `waves` of `wavelength_nm` at its rim, by the fourth power of the radius."""
 
     kind: Literal["seidel"]

@@ -20,7 +20,8 @@ class UnsharpMask(Restorer):
 
     def __init__(self, width: int = 9, strength: float = 0.5) -> None:
         super().__init__()
-        self.width, self.radius, self.border = width, width // 2, width // 2
+        self.width, self.around = width, width // 2
+        self.radius, self.border = self.around, self.around
         self.strength = nn.Parameter(torch.tensor(strength))
         self.register_buffer("psf", torch.zeros(3, 1, width, width))
         self.register_buffer("trust", torch.tensor(1.0))
@@ -38,7 +39,7 @@ class UnsharpMask(Restorer):
         self.trust.fill_(1 / (1 + (noise / USUAL_NOISE) ** 2))
 
     def forward(self, photo: Tensor) -> Tensor:
-        around = functional.pad(photo, (self.radius,) * 4, mode="replicate")
+        around = functional.pad(photo, (self.around,) * 4, mode="replicate")
         lost = photo - functional.conv2d(around, self.psf, groups=3)
         sharp = photo + self.trust * self.strength * lost
         return sharp if self.training else sharp.clamp(0, 1)

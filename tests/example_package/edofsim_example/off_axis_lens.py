@@ -8,10 +8,10 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from edofsim.plugins import Field, IdealLens
+from edofsim.plugins import Field, ThinLens
 
 
-class OffAxisLens(IdealLens):
+class OffAxisLens(ThinLens):
     """Seidel's coma, W131 h rho^3 cos(theta), of `coma` waves at the rim for a tangent of 1 with the
     axis; and a rim as wide as the pupil, whose shadow moves by `shadow` of its radius for the same."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 from torch.nn.functional import interpolate
@@ -17,7 +17,7 @@ class NoiseSource:
 
     size: int
     depths: tuple[float, float]
-    described: dict[str, Any]
+    described: dict[str, object]
     sha256: str
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
