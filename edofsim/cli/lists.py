@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 Things = StrEnum(
-    "Things", "scenes cameras masks lenses objects sources networks checkpoints trainings effects"
+    "Things", "scenes cameras masks lenses objects sources networks checkpoints trainings effects plugins"
 )
 T = TypeVar("T")
 
@@ -37,7 +37,7 @@ def list_(
 ) -> Done:
     """List scenes, cameras, masks, networks and more.
 
-    Those of other packages are included.
+    Those of other packages are included; `plugins` lists these alone.
     """
     shown = USUAL if things is None else (things,)
     return Done([_table(each) for each in shown])
@@ -69,6 +69,8 @@ def _lines(things: Things) -> dict[str, str]:
 
             lines = _kinds(EFFECTS)
             return {name: line.partition(": ")[2] or line for name, line in lines.items()}
+        case Things.plugins:
+            return _of_others()
         case _:
             return _kinds(getattr(kinds, things.upper()))
 
@@ -86,6 +88,25 @@ def _purposes(paths: Mapping[str, Path], load: Callable[[Path], RecipeModel]) ->
 
 def _kinds(registry: Registry[T]) -> dict[str, str]:
     return {name: first_sentence(registry.about(name)) for name in registry}
+
+
+def _of_others() -> dict[str, str]:
+    """What other packages add, and where it is defined, or why it cannot be used."""
+    from ..experiments import EXPERIMENTS
+    from ..plan.effects import EFFECTS
+    from ..recipe import kinds
+
+    every = [each for each in vars(kinds).values() if isinstance(each, Registry)]
+    found = {}
+    for registry in (*every, EFFECTS, EXPERIMENTS):
+        for name in filter(registry.of_another, registry):
+            try:
+                registry[name]
+                said = registry.place(name)
+            except EdofsimError as error:
+                said = str(error)
+            found[f"{registry.kind} {name}"] = said
+    return found or {"none": "`edofsim new plugin` writes a package to start from"}
 
 
 def _checkpoints() -> dict[str, str]:

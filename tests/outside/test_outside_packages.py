@@ -306,6 +306,9 @@ def test_the_command_line_finds_what_is_installed(
         return capfd.readouterr().out
 
     assert "QuarticMask" in said("schema", "camera")
+    listed = said("list", "plugins")
+    assert "mask quartic" in listed and "edofsim_example.plan_effect:EFFECT" in listed
+    assert "experiment width" in listed and "cubic" not in listed
     assert "width  " in said("evaluate", "--help")
     assert "--depth" in said("evaluate", "width", "--help")
     said("psf", "camera.toml", "--out", "out")
