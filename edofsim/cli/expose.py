@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .. import completion
+from ..core.memory import give_back_memory
 from ..core.progress import Progress
+from ..core.stopwatch import Stopwatch
 from ..errors import InputError
 from ..options import (
     CameraOption,
@@ -25,6 +27,7 @@ from ..options import (
 )
 from ..record import peak_memory_mib, writable_folder
 from .many import OfScene, all_of, of_each, seen_by, spread_of
+from .photo_files import keep_photo, kept_photo, photo_key
 from .shared import Done, begun, check_alone, finish, inputs_of, plan_lines, plan_rows, recipes_of
 
 if TYPE_CHECKING:
@@ -167,7 +170,6 @@ def _folders(pairs: Sequence[Pair], asked: Asked, out: Path | None) -> list[Path
 
 def capture_part(part: Part, progress: Progress, *, asked: Asked) -> OfScene:
     """One scene through its camera, into the folder that is given with them, unless the photo is there."""
-    from .photo_files import keep_photo, kept_photo, photo_key
 
     scene, camera_recipe, folder = part
     options = {
@@ -192,8 +194,6 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
     from ..capture import capture, save_image, write_photo
     from ..capture.device import torch_device
     from ..capture.fidelity_file import values_of
-    from ..core.memory import give_back_memory
-    from ..core.stopwatch import Stopwatch
     from ..optics import Camera
     from ..pipeline import planned_view
     from ..plan import learn_rates, plan_figures, with_predicted

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from ..core.registry import Registry
 from ..errors import EdofsimError
+from ..experiments import EXPERIMENTS
 from .shared import Done
 
 if TYPE_CHECKING:
@@ -92,7 +93,6 @@ def _kinds(registry: Registry[T]) -> dict[str, str]:
 
 def _of_others() -> dict[str, str]:
     """What other packages add, and where it is defined, or why it cannot be used."""
-    from ..experiments import EXPERIMENTS
     from ..plan.effects import EFFECTS
     from ..recipe import kinds
 

@@ -21,6 +21,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
+import tifffile
 from PIL import Image, ImageCms, ImageOps
 
 from ..errors import InputError, first_line
@@ -209,7 +210,6 @@ def _by_profile(image: Image.Image, icc: bytes, said: list[str]) -> Image.Image:
 
 def quiet_tifffile() -> ModuleType:
     """The package tifffile, which says what it thinks of a file to nobody."""
-    import tifffile
 
     logging.getLogger("tifffile").setLevel(logging.CRITICAL + 1)
     return tifffile

@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+import OpenEXR
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
@@ -114,7 +115,6 @@ def write_png(path: Path, image: ArrayLike) -> Path:
 def openexr() -> ModuleType:
     """The package OpenEXR, with all cores to unpack what it reads and pack what it writes; by itself it takes
     one."""
-    import OpenEXR
 
     OpenEXR.set_global_thread_count(os.cpu_count() or 1)
     return OpenEXR

@@ -39,6 +39,7 @@ from ..render import render
 from ..render.colour import colour_matrix
 from ..restore.checkpoint import shipped_checkpoints
 from ..restore.scores import image_psnr
+from .broadband_page import page
 from .chromatic import Chromatic, chromatic
 from .cubes import Cube, CubesOption, PlanesOption, Reading, from_view, read_cubes
 from .experiment import Findings, in_paper, in_parts
@@ -156,7 +157,6 @@ def run(
     knows distance and mask; linear_db.SYSTEM.{three,bands}.*, of photographs by the best linear filter
     that knows the distance, in closed form; left_out_percent.CUBE.COLOUR; cubes_left_out.
     """
-    from .broadband_page import page
 
     low_high = None if bands is None else numbers(bands, "--bands", "430,690", 2)
     sides = None if crop is None else tuple(map(int, numbers(crop, "--crop", "4,0,0,0", 4)))

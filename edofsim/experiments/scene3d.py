@@ -64,6 +64,7 @@ from .protocols import (
     same_photo,
     views_of,
 )
+from .scene3d_page import cards, overview_page, scene_page, scores_table, strip, ways_table
 from .scene_scores import (
     AWAY,
     NEAR_EDGES,
@@ -119,7 +120,6 @@ class Seen:
 
 def _show(folder: Path, measured: Measured, seen: Seen) -> None:
     """The pages and the picture of a scene."""
-    from .scene3d_page import scene_page, strip
 
     judged = [system for system in seen.systems if system.restoration is not None]
     for system in judged:
@@ -163,7 +163,6 @@ def run(
     many depth layers; scenes, scenes.failed; light_error: relative error of the mean, worst channel;
     WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
     """
-    from .scene3d_page import cards, overview_page, scores_table, ways_table
 
     loaded, broken = readable(scenes or list(shipped(shipped_folder("scenes"))))
     if broken and not loaded:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from PIL import Image
+from skimage import data
 from torch import Tensor
 
 from ..core.images import mirrored
@@ -110,7 +111,6 @@ def packaged_images(smallest: int) -> Images:
 
     Raises InputError where a patch is larger than all of them.
     """
-    from skimage import data
 
     digest = hashlib.sha256()
     pictures: list[Tensor] = []

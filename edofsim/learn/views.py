@@ -24,6 +24,7 @@ from ..optics.sampling import plan_sampling
 from ..recipe.base import NotNegative, Positive
 from ..recipe.load import load_scene
 from ..recipe.scene import SceneRecipe
+from ..render import render
 from ..render.view import View
 from ..scene.family import members
 from .reader import TrainingReader, Wanted
@@ -215,7 +216,6 @@ def open_views(
 
     Raises InputError for scenes that cannot be used.
     """
-    from ..render import render
 
     views: tuple[list[View | Shot], list[View | Shot]] = ([], [])
     digest = hashlib.sha256()

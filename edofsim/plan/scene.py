@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity, disperses, simpler_recipe
@@ -229,7 +230,6 @@ def _in_photo(difference: Tensor, facts: Facts, small: SceneRecipe) -> tuple[flo
     a PSF leaves `facts.averaging` of it, the root of sum psf^2, which a Gaussian of 1 / (2 sqrt(pi) sigma)
     has. The Gaussian here is as wide as that of the photo, and at least one pixel of the thumbnail.
     """
-    from scipy.ndimage import gaussian_filter  # takes a tenth of a second: only where a preview is looked at
 
     coarser = small.frame.pixel_angle / facts.scene.frame.pixel_angle
     fewer = small.render.samples / facts.scene.render.samples

@@ -9,6 +9,10 @@ from pydantic import BaseModel
 
 from ..core.files import write_text
 from ..core.json_values import Json
+from .camera import CameraRecipe
+from .dataset import DatasetRecipe
+from .scene import SceneRecipe
+from .train import TrainRecipe
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -25,10 +29,6 @@ def write_schema(model: type[BaseModel], title: str, path: Path) -> Path:
 
 def model_of(kind: str) -> type[BaseModel]:
     """The model of a `scene`, `camera`, `train` or `dataset` recipe."""
-    from .camera import CameraRecipe
-    from .dataset import DatasetRecipe
-    from .scene import SceneRecipe
-    from .train import TrainRecipe
 
     models: dict[str, type[BaseModel]] = {"scene": SceneRecipe, "camera": CameraRecipe}
     return (models | {"train": TrainRecipe, "dataset": DatasetRecipe})[kind]

@@ -30,6 +30,7 @@ from ..errors import InputError
 from ..optics import Camera, defocus, plan_sampling, psf_bank
 from ..optics.pupil import aperture, bent, pupil_function
 from ..render.engine import use_engine
+from ..render.translate import build_stage
 from ..render.view import View
 from ..scene.model import SceneModel
 from .clipped_psf import clipped_psf, make_transform, shadow
@@ -163,7 +164,6 @@ def _visibility(
     """What rays from around the pupil see of each fragment: float32 [fragment, y, x] in [0, 1], and how much
     nearer what blocks it is, [fragment] in 1/m (0 if nothing does)."""
     mi = use_engine(device)
-    from ..render.translate import build_stage
 
     scene = build_stage(mi, model).scene
     points = pupil_points(rays, SPAN * camera.aperture_radius)

@@ -14,6 +14,7 @@ from torch import Tensor
 from ..core.progress import Progress, silent
 from ..errors import InputError
 from ..render.engine import use_engine
+from ..render.translate import build_stage
 from ..render.view import View
 from ..scene.model import SceneModel
 from .pinhole import Crop
@@ -57,7 +58,6 @@ def thin_lens(
     if not all(math.isfinite(d) and d > 0 for d in distances) or not aperture_radius > 0:
         raise InputError("a thin lens needs finite focus distances and an aperture, all above 0")
     mi = use_engine(device)
-    from ..render.translate import build_stage
 
     stage = build_stage(mi, model)
     say = progress or silent

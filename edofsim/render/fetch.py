@@ -16,11 +16,14 @@ from ..core.json_values import Json
 from ..core.progress import Progress, part, silent
 from ..recipe.scene import SceneRecipe
 from ..record import writable_folder
+from ..scene import build_scene
+from ..scene.foreign import NotCarried
 from . import cache as store
 from .colour import lit
 from .engine import find_engines
 from .fragments import Fragments
 from .keys import canonical, says_path_length, view_key
+from .rendering import render_foreign, render_model
 from .settings import RenderSettings
 
 if TYPE_CHECKING:
@@ -111,9 +114,6 @@ def _rendered(
     recipe: SceneRecipe, base: Path, place: store.Place, noise: float | None, device: str, say: Progress
 ) -> tuple[Fragments, Callable[[], Fragments]]:
     """A view's fragments, and what gives them as they are read."""
-    from ..scene import build_scene
-    from ..scene.foreign import NotCarried
-    from .rendering import render_foreign, render_model
 
     start = time.perf_counter()
     settings = RenderSettings.from_recipe(recipe, noise)

@@ -17,6 +17,8 @@ from ..core.progress import Progress, silent
 from ..core.words import counted, duration
 from ..errors import EdofsimError, InputError
 from ..record import writable_folder
+from ..scene import build_scene
+from ..scene.foreign import NotCarried
 from . import cache as store
 from .batch import RenderOutcome, Task, batch, note, rendered
 from .engine import thread_count
@@ -101,8 +103,6 @@ def check_scenes(tasks: Sequence[Task], progress: Progress | None = None) -> Non
     """Build what has to be built and read what has to be read, before any time goes into rendering.
 
     Raises InputError with the problems of all scenes."""
-    from ..scene import build_scene
-    from ..scene.foreign import NotCarried
 
     problems: list[str] = []
     for number, task in enumerate(tasks):

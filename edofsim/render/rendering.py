@@ -19,10 +19,12 @@ from ..recipe.scene import SceneRecipe
 from ..scene.model import SceneModel
 from .depths import NOWHERE, DepthSurvey, survey, unparted
 from .engine import thread_count, use_engine
+from .foreign import load_foreign
 from .fragments import Fragments
 from .partial import load_partial, save_partial
 from .passes import LEAST_PASSES, Group, Launch, Sums, groups_of, launches_of, pass_sizes
 from .settings import INTEGRATOR, RenderSettings
+from .translate import build_stage
 
 if TYPE_CHECKING:
     from .foreign import ForeignStage
@@ -56,7 +58,6 @@ def render_model(
     begun = time.perf_counter()
     with interruptible(progress or silent) as say:
         mi = use_engine(device)
-        from .translate import build_stage
 
         say(0.0, f"loading {len(model.objects)} objects")
         stage = build_stage(mi, model)
@@ -76,7 +77,6 @@ def render_foreign(
 ) -> Fragments:
     """Render a Mitsuba scene through Mitsuba's spectral variant, for the reasons given. See
     `render_model`. Raises InputError for a scene that Mitsuba cannot render."""
-    from .foreign import load_foreign
 
     begun = time.perf_counter()
     with interruptible(progress or silent) as say:

@@ -16,9 +16,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..core.colours import colours_of
+from ..core.files import whole
+from ..core.images import mirrored
 from ..core.json_values import Json
+from ..core.limits import existing
+from ..core.measurements import read_numbers
 from ..core.notebook import picture_html, picture_png, show
 from ..errors import InputError
+from ..recipe.scene import Bands, Frame
+from ..scene import depth_maps, spectra
+from ..scene.pictures import source_picture
+from ..scene.spectra import srgb_weights
+from .colour import colour_matrix, light_entry, light_of
 from .exr import read_view, write_view
 from .fragment_fields import FragmentFields
 from .fragments import Fragments
@@ -160,13 +170,6 @@ class View(FragmentFields[Tensor]):
         Raises InputError for files that cannot be read, for shapes that do not fit each other, for a depth
         map that holds no depth, and for an array of whole numbers, which may be of any unit.
         """
-        from ..core.colours import colours_of
-        from ..core.images import mirrored
-        from ..core.measurements import read_numbers
-        from ..recipe.scene import Bands, Frame
-        from ..scene import depth_maps, spectra
-        from ..scene.pictures import source_picture
-        from .colour import light_entry
 
         from_file = isinstance(rgb, str | Path)
         picture = source_picture(str(rgb), None, Path()) if from_file else colours_of(np.asarray(rgb))
@@ -275,7 +278,6 @@ class View(FragmentFields[Tensor]):
         """Write it as spectral OpenEXR, as the cache of rendered views holds it: light in half floats, each
         view scaled to use them well. Returns the path. Raises InputError for another suffix than `.exr`, and
         what `core.files.whole` raises."""
-        from ..core.files import whole
 
         path = Path(path)
         if path.suffix.lower() != ".exr":
@@ -287,7 +289,6 @@ class View(FragmentFields[Tensor]):
     @classmethod
     def load(cls, path: str | Path) -> View:
         """One that was saved, or an entry of the cache. Raises InputError for any other file."""
-        from ..core.limits import existing
 
         try:
             return cls.of(read_view(existing(Path(path), "view")))
@@ -297,7 +298,6 @@ class View(FragmentFields[Tensor]):
     def colours(self) -> Tensor:
         """What the eye would see, linear sRGB [3, y, x] without the margin: daylight of radiance 1 is white,
         and a view of a picture has the picture's colours."""
-        from ..scene.spectra import srgb_weights
 
         weights = torch.as_tensor(srgb_weights(self.wavelengths.cpu().numpy()))
         image = weights.to(self.radiance) @ self.all_in_focus().detach().flatten(1)
@@ -305,8 +305,6 @@ class View(FragmentFields[Tensor]):
 
     def picture(self) -> Tensor:
         """`colours`, white-balanced to the scene's light where that is known, the 99th percentile at 0.9."""
-        from ..scene.spectra import srgb_weights
-        from .colour import colour_matrix, light_of
 
         image, light = self.colours(), light_of(self)
         if light is not None:  # for the eye's own response the matrix is an exact adaptation to the light

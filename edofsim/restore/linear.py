@@ -16,6 +16,7 @@ sharp at that depth. With its PSNR that of a trained D-CNN rises and falls over 
 from __future__ import annotations
 
 import torch
+from scipy.fft import next_fast_len
 from torch import Tensor
 
 from .photograph_statistics import COLOUR_CORRELATION, power_spectrum, transfer_functions
@@ -27,7 +28,6 @@ FINE_NOISE = 0.002  # with less, covariances are not positive definite in single
 
 def _length(at_least: int) -> int:
     """Of transforms that are fast."""
-    from scipy.fft import next_fast_len  # takes a tenth of a second: only where filters are designed
 
     return next_fast_len(at_least, real=True)
 

@@ -24,6 +24,7 @@ from typing import Literal
 
 import numpy as np
 import torch
+from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from ..core.images import srgb_encode
@@ -195,7 +196,6 @@ def ssim_without(image: Tensor, truth: Tensor, noise: Noise) -> tuple[Tensor, Te
 
 def _moments(x: Tensor, y: Tensor) -> list[np.ndarray]:
     """Means of x and y about each pixel, and of their squares and product, float64 [channel, y, x] each."""
-    from scipy.ndimage import gaussian_filter  # takes a while
 
     one, other = (each.detach().cpu().double().numpy() for each in (x, y))
     about = partial(gaussian_filter, sigma=1.5, truncate=3.5, axes=(1, 2))

@@ -181,7 +181,7 @@ def test_photos_of_views_are_taken_once_for_all_trainings(
         angle = optics.camera.pixel_angle
         return View.flat(image, 0.8, wavelengths=PAPER_COLOURS, pixel_angle=angle, margin=16)
 
-    monkeypatch.setattr("edofsim.render.render", view)
+    monkeypatch.setattr("edofsim.learn.views.render", view)
     table = Views(scenes=("clutter",), members=2, layers=2, once=True)
 
     def opened(table: Views = table, optics: TrainingCamera = optics) -> views_.ViewSource:
@@ -215,7 +215,7 @@ def test_photos_that_are_taken_once_have_the_veil_of_errors_of_fabrication(
     angle = optics.camera.pixel_angle
     rising = PAPER_COLOURS.flip(0)
     flat = View.flat(image, 0.8, wavelengths=rising, pixel_angle=angle, margin=16)
-    monkeypatch.setattr("edofsim.render.render", lambda *_, **__: flat)
+    monkeypatch.setattr("edofsim.learn.views.render", lambda *_, **__: flat)
     table = Views(scenes=("clutter",), members=2, layers=2, once=True, bands="three")
 
     def shot(error: float) -> shots.Shot:

@@ -129,7 +129,8 @@ def test_of_a_family_the_last_members_are_kept_for_validation(
     """Half of three members, rounded up; for validation alone, all of them. No renderer: each member's view
     is a plane at a 1024th of its seed in 1/m."""
     monkeypatch.setattr(
-        "edofsim.render.render", lambda recipe, *_, **__: _view(40, 30, 4, PAPER_COLOURS, recipe.seed / 1024)
+        "edofsim.learn.views.render",
+        lambda recipe, *_, **__: _view(40, 30, 4, PAPER_COLOURS, recipe.seed / 1024),
     )
 
     def seed_of(view: View) -> float:
@@ -160,7 +161,7 @@ def test_patches_of_a_view_photographed_once_are_those_that_steps_photograph(
     """But for veiling glare, an even light: it is a part of the mean of the whole, or of the part. So is what
     errors of fabrication scatter."""
     view = _view(40, 30, WINDOW, PAPER_COLOURS)
-    monkeypatch.setattr("edofsim.render.render", lambda *_, **__: view)
+    monkeypatch.setattr("edofsim.learn.views.render", lambda *_, **__: view)
     fine = CAMERA.model_copy(update={"psf": CAMERA.psf.model_copy(update={"pupil_sampling_um": "auto"})})
     optics = TrainingCamera(Camera.from_recipe(fine), WINDOW, torch.device("cpu")).with_mask(
         MaskMaps(torch.zeros(239, 239))
@@ -203,7 +204,7 @@ def test_a_folder_without_pictures_ends_a_training_before_views_are_rendered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rendered: list[str] = []
-    monkeypatch.setattr("edofsim.render.render", lambda recipe, *_, **__: rendered.append(recipe.name))
+    monkeypatch.setattr("edofsim.learn.views.render", lambda recipe, *_, **__: rendered.append(recipe.name))
     sources = [Views(scenes=("clutter",)), {"kind": "natural"}]
     recipe = TrainRecipe(name="r", camera="paper-clear", data={"sources": sources})
     with pytest.raises(InputError, match="holds no pictures"):

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
+from skimage.measure import marching_cubes
 
 from ...recipe.base import Positive, Triple
 from ...recipe.placed import Placed
@@ -36,7 +37,6 @@ class Bust(Builder, Placed):
 
     def build(self, context: Context) -> list[Part]:
         """The figure about the middle of its height, smooth-shaded, its face to the camera."""
-        from skimage.measure import marching_cubes
 
         step = (_HIGH[1] - _LOW[1]) / self.detail
         axes = [

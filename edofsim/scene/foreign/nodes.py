@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ...errors import InputError
+from ..spectra import hex_to_linear
 
 PLUGINS = ("scene", "shape", "bsdf", "emitter", "sensor", "texture", "film", "sampler", "integrator",
            "rfilter", "medium", "phase", "volume")  # fmt: skip
@@ -173,8 +174,6 @@ def square(numbers: list[float], where: str) -> np.ndarray:
 def rgb(text: str, where: str) -> Colour:
     """A colour of one or three numbers or `#rrggbb`. Raises InputError for anything else, naming `where`."""
     if text.strip().startswith("#"):
-        from ..spectra import hex_to_linear
-
         r, g, b = hex_to_linear(text.strip()).tolist()
         return Colour(rgb=(r, g, b))
     numbers = numbers_of(text, where)
