@@ -101,8 +101,7 @@ def run(
         progress(0.98, "report")
         started = clock.perf_counter()
         options = words_of({**vars(simulated), "network": network, "resample": resample or None})
-        chart = _cost_chart(result, folder, progress) if cost else None
-        outputs = _written(result, folder, chart, options)
+        outputs = _written(result, folder, _cost_chart(result, folder, progress) if cost else None, options)
         numbers = pipeline.figures(result)
         _add_report(numbers, clock.perf_counter() - started)
         inputs = inputs_of(scene_recipe, camera_recipe, network=network)
