@@ -1,6 +1,6 @@
 """Measurements in files: the one reader for depths, heights and whatever else is no colour.
 
-NaN and infinity are legal in every format alike. Objects are never unpickled.
+NaN and infinity are legal in every format alike. Objects that a file holds are never unpickled.
 """
 
 from __future__ import annotations
@@ -10,11 +10,14 @@ import functools
 import io
 import json
 import os
+import pickle
 import re
 import select
 import subprocess
 import sys
+import tempfile
 import zipfile
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -31,18 +34,22 @@ SKIMAGE = "skimage:"
 """Prefix of pictures and disparities that come inside scikit-image."""
 TEXTS = (".csv", ".txt", ".dat", ".asc", ".tsv")
 MAX_TEXT_BYTES = 1 << 28
-TRY_S = 300
-TRIES = """
-import json, sys
+READ_S = 300
+READS = """
+import json, pickle, sys
 from scipy.io import loadmat
 for line in sys.stdin:
+    source, target = json.loads(line)
+    said = ""
     try:
-        loadmat(json.loads(line))
-    except Exception:
-        pass
-    print(flush=True)
+        found = loadmat(source, squeeze_me=True, struct_as_record=False)
+        with open(target, "wb") as file:
+            pickle.dump(found, file, 5)
+    except Exception as error:  # damaged files raise many kinds
+        said = str(error) or type(error).__name__
+    print(json.dumps(said), flush=True)
 """
-"""Reads MAT files, one a line, and answers each that it survives with a line."""
+"""Reads MAT files, one a line, into others, and answers each that it survives with what was wrong."""
 DEPTH_CHANNELS = ("z", "depth", "distance", "disparity", "v")
 
 
@@ -258,43 +265,51 @@ def load_mat(path: Path, what: str) -> dict[str, object]:
     """All of a MAT file up to version 7; structures become objects with attributes.
     Raises InputError for a file that cannot be read."""
     existing(path, what)
-    # Some damaged MAT files crash the reader of SciPy, which would take this process with it
-    if _crashes(path):
-        raise InputError(f"{what}: {str(path)!r} is a damaged MAT file; save it again, or use .npz")
-    from scipy.io import loadmat
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "read.pickle"
+        said = _read_apart(path, target)
+        if said is None:
+            raise InputError(f"{what}: {str(path)!r} is a damaged MAT file; save it again, or use .npz")
+        if said:
+            raise InputError(
+                f"{what}: {str(path)!r} cannot be read as a MAT file: {first_line(ValueError(said))}"
+            )
+        with target.open("rb") as file:
+            return pickle.load(file)
 
-    try:
-        return loadmat(path, squeeze_me=True, struct_as_record=False)
-    except Exception as error:  # damaged files raise many kinds
-        raise InputError(
-            f"{what}: {str(path)!r} cannot be read as a MAT file: {first_line(error)}"
-        ) from error
+
+def _read_apart(path: Path, target: Path) -> str | None:
+    """Have another process read a MAT file, and write what it holds. Some damaged ones crash SciPy's reader,
+    one time and not another, or never end. The process takes half a second to start and stays for the next
+    file; a crash is the file's fault if it was the first that it read.
+
+    Returns what is wrong, empty where nothing is; None for a crash, or no end.
+    """
+    reader = _reader(os.getpid())
+    assert reader.stdin is not None and reader.stdout is not None
+    fresh = reader.pid not in _used
+    _used.add(reader.pid)
+    with suppress(BrokenPipeError):  # it was ended in the meantime: another one reads
+        reader.stdin.write(json.dumps([str(path.absolute()), str(target)]) + "\n")
+        reader.stdin.flush()
+        if select.select([reader.stdout], [], [], READ_S)[0] and (answer := reader.stdout.readline()):
+            return json.loads(answer)
+    reader.kill()
+    reader.wait()
+    _used.discard(reader.pid)
+    _reader.cache_clear()
+    return None if fresh else _read_apart(path, target)
 
 
-def _crashes(path: Path) -> bool:
-    """Whether SciPy's reader crashes on a file, or does not come to an end: tried in another process, which
-    takes half a second to start and stays for the next file."""
-    tries = _tries(os.getpid())
-    assert tries.stdin is not None and tries.stdout is not None
-    try:
-        tries.stdin.write(json.dumps(str(path.absolute())) + "\n")
-        tries.stdin.flush()
-    except BrokenPipeError:  # it was ended in the meantime: another one tries
-        _tries.cache_clear()
-        return _crashes(path)
-    if select.select([tries.stdout], [], [], TRY_S)[0] and tries.stdout.readline():
-        return False
-    tries.kill()
-    tries.wait()
-    _tries.cache_clear()
-    return True
+_used: set[int] = set()
+"""Processes that have read a file."""
 
 
 @functools.cache
-def _tries(process: int) -> subprocess.Popen[str]:
-    """What tries MAT files for a process: one that was forked off it has another."""
+def _reader(process: int) -> subprocess.Popen[str]:
+    """What reads MAT files for a process: one that was forked off it has another."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-    return subprocess.Popen([sys.executable, "-c", TRIES], text=True, **pipes)
+    return subprocess.Popen([sys.executable, "-c", READS], text=True, **pipes)
 
 
 def mat_value(data: dict[str, object], key: str | None, path: Path, what: str) -> object:
