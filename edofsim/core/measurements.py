@@ -10,15 +10,16 @@ import functools
 import io
 import json
 import os
-import pickle
 import re
 import select
 import subprocess
 import sys
 import tempfile
 import zipfile
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from . import hdf5
 from .decoded import decoded
 from .high_range import read_pfm
 from .images import read_exr
+from .json_values import Json
 from .limits import check_numbers, check_pixels, existing
 from .shipped import installed
 
@@ -35,21 +37,7 @@ SKIMAGE = "skimage:"
 TEXTS = (".csv", ".txt", ".dat", ".asc", ".tsv")
 MAX_TEXT_BYTES = 1 << 28
 READ_S = 300
-READS = """
-import json, pickle, sys
-from scipy.io import loadmat
-for line in sys.stdin:
-    source, target = json.loads(line)
-    said = ""
-    try:
-        found = loadmat(source, squeeze_me=True, struct_as_record=False)
-        with open(target, "wb") as file:
-            pickle.dump(found, file, 5)
-    except Exception as error:  # damaged files raise many kinds
-        said = str(error) or type(error).__name__
-    print(json.dumps(said), flush=True)
-"""
-"""Reads MAT files, one a line, into others, and answers each that it survives with what was wrong."""
+READER = Path(__file__).with_name("mat_reader.py")
 DEPTH_CHANNELS = ("z", "depth", "distance", "disparity", "v")
 
 
@@ -266,7 +254,7 @@ def load_mat(path: Path, what: str) -> dict[str, object]:
     Raises InputError for a file that cannot be read."""
     existing(path, what)
     with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "read.pickle"
+        target = Path(folder) / "read.npz"
         said = _read_apart(path, target)
         if said is None:
             raise InputError(f"{what}: {str(path)!r} is a damaged MAT file; save it again, or use .npz")
@@ -274,8 +262,19 @@ def load_mat(path: Path, what: str) -> dict[str, object]:
             raise InputError(
                 f"{what}: {str(path)!r} cannot be read as a MAT file: {first_line(ValueError(said))}"
             )
-        with target.open("rb") as file:
-            return pickle.load(file)
+        with np.load(target, allow_pickle=False) as arrays:
+            tree = json.loads(str(arrays["tree"]))
+            return {name: _value(each, arrays) for name, each in tree.items()}
+
+
+def _value(said: Json | str, arrays: Mapping[str, np.ndarray]) -> object:
+    """What `mat_reader.flat` made JSON of."""
+    if isinstance(said, str):
+        return arrays[said]
+    if "fields" not in said:
+        return np.empty(said["shape"], dtype=object)
+    fields = {name: _value(each, arrays) for name, each in said["fields"].items()}
+    return SimpleNamespace(_fieldnames=list(fields), **fields)
 
 
 def _read_apart(path: Path, target: Path) -> str | None:
@@ -309,7 +308,7 @@ _used: set[int] = set()
 def _reader(process: int) -> subprocess.Popen[str]:
     """What reads MAT files for a process: one that was forked off it has another."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-    return subprocess.Popen([sys.executable, "-c", READS], text=True, **pipes)
+    return subprocess.Popen([sys.executable, "-P", str(READER)], text=True, **pipes)
 
 
 def mat_value(data: dict[str, object], key: str | None, path: Path, what: str) -> object:

@@ -15,7 +15,7 @@ from PIL import Image
 from scipy.io import savemat
 
 from edofsim.core import measurements
-from edofsim.core.measurements import read_numbers
+from edofsim.core.measurements import READER, read_numbers
 from edofsim.errors import InputError
 
 h5py = pytest.importorskip("h5py")
@@ -196,13 +196,15 @@ def test_mat_files_are_read_by_one_process_that_may_end_at_any_time(
     tries.wait()
     assert read().shape == (2, 3)
     measurements._reader.cache_clear()
+    script = tmp_path / "reader.py"
     with monkeypatch.context() as patch:
-        patch.setattr(measurements, "READS", "import os\ninput()\nos.abort()")
+        patch.setattr(measurements, "READER", script)
+        script.write_text("import os\ninput()\nos.abort()")
         with pytest.raises(InputError, match="a damaged MAT file"):
             read()
-    with monkeypatch.context() as patch:  # what an earlier file did to it is not this one's fault
-        once = measurements.READS.replace("in sys.stdin", "in [input()]") + "input()\nimport os\nos.abort()"
-        patch.setattr(measurements, "READS", once)
+        # what an earlier file did to it is not this one's fault
+        code = READER.read_text().replace("in sys.stdin", "in [input()]")
+        script.write_text(code + "    input()\n    import os\n    os.abort()\n")
         assert [read().shape for _ in range(3)] == 3 * [(2, 3)]
     measurements._reader.cache_clear()
     assert read().shape == (2, 3)
