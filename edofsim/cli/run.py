@@ -100,7 +100,7 @@ def run(
             result = replace(result, photo=replace(result.photo, colours=None))
         progress(0.98, "report")
         started = clock.perf_counter()
-        options = words_of({**vars(simulated), "network": network, "resample": resample or None})
+        options = words_of(simulated, network=network, resample=resample, raw_colours=raw_colours)
         outputs = _written(result, folder, _cost_chart(result, folder, progress) if cost else None, options)
         numbers = pipeline.figures(result)
         _add_report(numbers, clock.perf_counter() - started)
@@ -116,12 +116,12 @@ def _add_report(numbers: dict[str, float], seconds: float) -> None:
     numbers["seconds.processor"], numbers["peak_memory_mib"] = processor_seconds(), peak_memory_mib()
 
 
-def words_of(options: Mapping[str, object]) -> list[str]:
-    """Options by name, as they are typed; those that are None are left out."""
+def words_of(simulated: Simulated, **more: object) -> list[str]:
+    """Options by name, as they are typed; those that are None or False are left out."""
     words: list[str] = []
-    for name, given in options.items():
+    for name, given in (vars(simulated) | more).items():
         for value in given if isinstance(given, list) else [given]:
-            if value is not None:
+            if value is not None and value is not False:
                 words += ["--" + name.strip("_").replace("_", "-"), *([] if value is True else [str(value)])]
     return words
 

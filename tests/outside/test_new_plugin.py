@@ -63,7 +63,7 @@ def test_a_new_package_goes_through_the_commands(hers: Path):
     # 1 / (1 + (n / 0.01)^2) of the middle of the range of noise, 0.001 to 0.015
     assert float(load_checkpoint(checkpoint).network.trust) == pytest.approx(1 / 1.64)
     again = ["run", "scene.toml", "--camera", "camera.toml", "--seed", "3", "--accuracy", "45dB"]
-    again += ["--without", "bands", "--network", checkpoint]
+    again += ["--without", "bands", "--network", checkpoint, "--raw-colours"]
     invoke([*again, "--json", "run.json"])
     assert " ".join(["edofsim", *again]) in Path("out/example/report.html").read_text()
     run = json.loads(Path("run.json").read_text())
