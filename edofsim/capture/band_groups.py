@@ -81,12 +81,15 @@ def gathered(
             where.append(points)
             weight.append(weights)
     unique = np.unique(np.round(np.concatenate(where), 15))
+    bands = wavelengths.double().numpy()
+    exact = dict(zip(np.round(bands, 15).tolist(), bands.tolist(), strict=True))  # whose PSFs may be known
     psfs = torch.zeros(len(light), len(unique), dtype=torch.float64)
     for group, (points, weights) in enumerate(zip(where, weight, strict=True)):
         psfs[group, np.searchsorted(unique, np.round(points, 15))] = torch.from_numpy(weights)
     back = torch.zeros(response.shape[0], len(light), dtype=torch.float64)
     back[channels, torch.arange(len(light))] = torch.tensor(share, dtype=torch.float64)
-    return Gathering(torch.from_numpy(unique), psfs, torch.stack(light), back)
+    at = torch.tensor([exact.get(each, each) for each in unique.tolist()], dtype=torch.float64)
+    return Gathering(at, psfs, torch.stack(light), back)
 
 
 def _least_variance(place: np.ndarray, amount: np.ndarray, groups: int) -> list[np.ndarray]:

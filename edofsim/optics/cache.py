@@ -42,6 +42,7 @@ def identity(camera: Camera) -> str:
     recipe = camera.recipe.model_dump(mode="json", include={"focus", "mask", "fabrication", "psf"})
     said = {"code": code_of_rooms("optics", "core"), "recipe": recipe, "pixel": camera.pixel}
     said |= {"lens": camera.lens.identity(), "material": camera.mask_material.formula, "field": camera.field}
+    said |= {"by_phase": camera.by_phase}
     digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
     for name, given in (("", camera.height_map), ("amplitude", camera.amplitude)):
         if given is not None:

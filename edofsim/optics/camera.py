@@ -45,6 +45,8 @@ class Camera:
         (see `with_height`).
     amplitude: [n, n], that the mask also lets through (see `with_amplitude`).
     field: place in the field whose PSFs it has (`at_field`).
+    by_phase: whether its pupil may be sampled as coarsely as the steepest phase allows, half as finely as the
+        paper's bound: good enough for estimates.
     """
 
     recipe: CameraRecipe
@@ -57,6 +59,7 @@ class Camera:
     height_map: Tensor | None = None
     amplitude: Tensor | None = None
     field: Field = AXIS
+    by_phase: bool = False
 
     @classmethod
     def from_recipe(cls, recipe: CameraRecipe, base: Path | None = None) -> Camera:

@@ -297,7 +297,7 @@ def _focal_planes(
     for depth in inverse_depths.split(1):
         grid = plan_sampling(camera, wavelengths, depth, window)
         if grid.samples > LARGE_PUPIL:
-            grid = plan_sampling(camera, wavelengths, depth, window, by_bound=False)
+            grid = plan_sampling(replace(camera, by_phase=True), wavelengths, depth, window)
         yield _focal_plane(camera, wavelength, depth, grid), 0
 
 

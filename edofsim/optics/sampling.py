@@ -41,7 +41,6 @@ def plan_sampling(
     wavelengths: Tensor,
     inverse_depths: Tensor,
     window_px: int,
-    by_bound: bool = True,
 ) -> PupilGrid:
     """Choose the grid of the pupil for all wavelengths [m] and inverse depths [1/m] asked for.
 
@@ -50,9 +49,8 @@ def plan_sampling(
     steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope, and the light
     that the cells of a height map scatter out of the window.
 
-    camera, wavelengths, inverse_depths, window_px: as of `psf_bank`, [band] and [depth].
-    by_bound: False leaves the paper's bound out of "auto"; it is twice as fine as the steepest phase asks
-        for.
+    camera, wavelengths, inverse_depths, window_px: as of `psf_bank`, [band] and [depth]. Where `by_phase` is
+        set, the paper's bound is left out: it is twice as fine as the steepest phase asks for.
 
     Raises InputError, with both numbers, for a fixed sampling that is too coarse, and for work too large to
     begin.
@@ -65,7 +63,7 @@ def plan_sampling(
     if camera.lens.measured:
         samples, pitch = FEWEST_SAMPLES, 2 * camera.aperture_radius / FEWEST_SAMPLES
     elif fixed == "auto":
-        samples, pitch = _automatic(camera, wavelengths, psi, window, bound if by_bound else math.inf)
+        samples, pitch = _automatic(camera, wavelengths, psi, window, math.inf if camera.by_phase else bound)
     else:
         pitch = fixed * 1e-6
         _check_fixed(camera, wavelengths, inverse_depths, psi, pitch, window)
@@ -124,6 +122,9 @@ def coarsest_pitches(
     shortest = float(wavelengths.double().min())
     alone = shortest * camera.sensor_distance / (window_px * camera.pixel)
     psi = defocus(camera, wavelengths.double()[None, :], inverse_depths.double()[:, None])
+    if camera.by_phase:
+        slopes = _steepest(camera, wavelengths, psi, with_mask=given_pitch(camera) is None).amax(1)
+        return [0.999 * min(math.pi / (2 * slope), alone) for slope in slopes.tolist()]
     return [0.999 * min(sampling_bound(camera, most), alone) for most in psi.abs().amax(1).tolist()]
 
 
@@ -195,11 +196,12 @@ def _check_made(camera: Camera, pitch: float) -> None:
 
 
 def _steepest(camera: Camera, wavelengths: Tensor, psi: Tensor, with_mask: bool) -> Tensor:
-    """Steepest phase within the pupil of each wave [rad/m], [band]: mask, lens remainder and defocus."""
+    """Steepest phase within the pupil of each wave [rad/m], [depth, band]: mask, lens remainder and
+    defocus."""
     radius = camera.aperture_radius
     radii = torch.linspace(0, radius, 65, dtype=torch.float64)
     lens = torch.stack([camera.lens.slope(radii, float(wavelength)) for wavelength in wavelengths])
-    bowl = (2 * psi[:, :, None] * radii / radius**2 + lens).abs().amax((0, 2))
+    bowl = (2 * psi[:, :, None] * radii / radius**2 + lens).abs().amax(2)
     mask = camera.mask
     design = mask.design_wavelength_nm * 1e-9 if isinstance(mask, PhaseMask) else 0.0
     steepest = asked(mask, "slope", mask.slope) / radius if with_mask else 0.0
@@ -227,7 +229,7 @@ def _check_fixed(
     worst = float(psi[depth, band])
     bound = sampling_bound(camera, worst)
     problems = []
-    if pitch > bound * (1 + 1e-9):
+    if pitch > bound * (1 + 1e-9) and not camera.by_phase:
         problems.append(
             f"psf.pupil_sampling_um = {pitch * 1e6:g} is too coarse: at {float(wavelengths[band]) * 1e9:g} nm"
             f" and {metres(float(inverse_depths[depth]))} Psi is {worst:.4g}, which needs"

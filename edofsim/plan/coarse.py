@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from ..capture.fidelity import Fidelity
+from ..capture.fidelity import Fidelity, coarsest_pupil_um
 from ..capture.imaging import layout_within
 from ..capture.occlusion.hidden import Layout
 from ..capture.photograph import clean_photo, sub_aperture_change
@@ -31,12 +31,16 @@ LAYERS = 4
 
 @dataclass(frozen=True)
 class Coarse:
-    """times: how many of the view's pixels lie along one of these."""
+    """times: how many of the view's pixels lie along one of these.
+
+    pupil_um: how finely the pupil is sampled, None for automatically; sub-apertures as coarsely as may be.
+    """
 
     view: View
     camera: Camera
     times: int
     exposure: float
+    pupil_um: float | None = None
     _known: Once = field(default_factory=Once, repr=False, compare=False)
 
     def photo(self, fidelity: Fidelity) -> Tensor:
@@ -56,7 +60,8 @@ class Coarse:
 
         def clean() -> Tensor:
             if fidelity.sub_apertures == 1:
-                return clean_photo(self.view, self.camera, fidelity, **how)
+                sampled = {"pupil_sampling_um": self.pupil_um} if self.pupil_um else {}
+                return clean_photo(self.view, self.camera, fidelity.changed(sampled), **how)
             change = sub_aperture_change(self.view, self.camera, fidelity, **how)
             return self._clean(fidelity.changed({"sub_apertures": 1})) + change
 
@@ -88,10 +93,10 @@ class Coarse:
         return self._known.get("layout", lambda: layout_within(self.view, gap, window))
 
 
-def coarse_of(view: View, camera: Camera, exposure: float, pupil_um: float | None = None) -> Coarse:
+def coarse_of(view: View, camera: Camera, exposure: float, coarsely: bool = False) -> Coarse:
     """The view and the camera with pixels as large as `PIXELS` asks for.
 
-    pupil_um: how finely its pupil is sampled, None for automatically.
+    coarsely: whether its pupil is sampled as coarsely as may be, where else automatically.
     """
     rows, columns = view.padded_shape
     times = max(1, round(math.sqrt(rows * columns / PIXELS)))
@@ -102,16 +107,16 @@ def coarse_of(view: View, camera: Camera, exposure: float, pupil_um: float | Non
     window = _even(recipe.psf.window_px / times)
     samples = recipe.psf.oversampling
     finely = samples if samples == "auto" else samples * times
-    psf = {"window_px": window, "pupil_sampling_um": pupil_um or "auto", "oversampling": finely}
+    psf = {"window_px": window, "pupil_sampling_um": "auto", "oversampling": finely}
     larger = recipe.model_copy(
         update={
             "psf": recipe.psf.model_copy(update=psf),
             "sensor": recipe.sensor.model_copy(update={"pixel_um": recipe.sensor.pixel_um * times}),
         }
     )
-    return Coarse(
-        coarser(view, times), replace(camera, recipe=larger, pixel=camera.pixel * times), times, exposure
-    )
+    large = replace(camera, recipe=larger, pixel=camera.pixel * times, by_phase=True)
+    pupil_um = coarsest_pupil_um(large, view.wavelengths, view.inverse_depth) if coarsely else None
+    return Coarse(coarser(view, times), large, times, exposure, pupil_um)
 
 
 def coarser(view: View, times: int) -> View:

@@ -20,6 +20,8 @@ CHUNK = 2**16
 """Entries of differences whose products are summed at a time, so that little memory is touched."""
 LITTLE = 0.2
 """Share of the error that a photo may have: what errs by less leaves nearly all of it to other effects."""
+FINER = 1 / 3
+"""Likewise: where a level errs by less, a finer one leaves them little more."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +107,8 @@ def estimate(
     more: by effect, one more level, which the user insists on.
     asked: names of the effects that are looked at, None for all of them.
 
-    Of levels that err by more than `Facts.allowed` only the coarsest and the finest are looked at, and none
-    of finer ones where the coarsest hardly errs.
+    Of levels that err by more than `Facts.allowed` few are looked at, and of those that err by little of it
+    the coarsest.
     """
     rows: list[Estimate] = []
     todo: dict[int, tuple[Effect, tuple[Level, ...], bool]] = {}
@@ -160,15 +162,22 @@ def _measured(
 
 
 def _useful(measure: Callable[[int], Tensor], count: int, most: float) -> Mapping[int, Tensor]:
-    """What some of `count` levels change, from coarse to fine: the coarsest, and, where it errs by more than
-    little of `most`, from the finest on those that err by no more, and the first that does."""
+    """What some of `count` levels change, from coarse to fine: the coarsest of all, the coarsest that errs by
+    no more than `most`, found by halves, as a finer one is taken to err by less, and finer ones up to one
+    that errs by little of it."""
     found = {0: measure(0)}
-    level = count if overall(rms(found[0])) > LITTLE * most else 1
-    while level > 1:
-        level -= 1
-        found[level] = measure(level)
-        if overall(rms(found[level])) > most:
-            break
+
+    def size(level: int) -> float:
+        if level not in found:
+            found[level] = measure(level)
+        return overall(rms(found[level]))
+
+    below, enough = (-1, 0) if size(0) <= most else (0, count)
+    while enough - below > 1:
+        middle = (below + enough) // 2
+        below, enough = (below, middle) if size(middle) <= most else (middle, enough)
+    while enough < count and size(enough) > FINER * most:
+        enough += 1
     return dict(sorted(found.items()))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -81,7 +82,7 @@ class Facts:
     hides: Hides
     cuts: Sequence[float]
     shape: Shape
-    fingerprint: str
+    fingerprint: str = ""
     recipe: SceneRecipe | None = None
     bounce_errors: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     glass_error: tuple[float, ...] = ()
@@ -96,7 +97,7 @@ class Facts:
     @cached_property
     def coarse(self) -> Coarse:
         """What occlusion is seen in."""
-        return coarse_of(self.view, self.camera, self.exposure, self.quick_pupil_um)
+        return coarse_of(self.view, self.camera, self.exposure, self.quick_pupil_um is not None)
 
     @cached_property
     def joined(self) -> Mapping[int, float]:
@@ -227,7 +228,8 @@ class Facts:
         map_given = self.camera.height_map is not None or self.camera.recipe.mask.kind == "height-map"
         if not map_given or not pupil_is_free(self.camera):
             return None
-        return coarsest_pupil_um(self.camera, self.view.wavelengths, self.view.inverse_depth)
+        quick = replace(self.camera, by_phase=True)
+        return coarsest_pupil_um(quick, self.view.wavelengths, self.view.inverse_depth)
 
     def nm(self) -> str:
         """The span of wavelengths, as text."""
@@ -247,6 +249,17 @@ def facts_of(
     noise_ratio: its noise over that of the recipe's samples.
     """
     view = with_guessed(view, camera)
+    with ThreadPoolExecutor(1) as beside:
+        fingerprint = beside.submit(_fingerprint, view)
+        facts = _seen(view, camera, recipe, noise_ratio)
+    facts = replace(facts, fingerprint=fingerprint.result())
+    if facts.blur_spread < SAME_DEPTH_PX:
+        facts = replace(facts, full=facts.full.changed({"layers": 1}))
+    return facts
+
+
+def _seen(view: View, camera: Camera, recipe: SceneRecipe | None, noise_ratio: float) -> Facts:
+    """The facts of a view with what is behind its edges, without its fingerprint."""
     response = channel_weights(camera, view.wavelengths)
     wanted, gap = camera.recipe.sensor.exposure, 1 / blur_per_dioptre(camera)
     depth = view.inverse_depth.double()
@@ -257,7 +270,7 @@ def facts_of(
     ideal, edges = view.crop_margin(all_in_focus(view, response)), edge_pixels(view, gap)
     hidden = hides(view, gap)
     cut = cuts(view, gap, hidden)
-    facts = Facts(
+    return Facts(
         view=view,
         camera=camera,
         full=full_fidelity(camera, view, edges),
@@ -271,13 +284,9 @@ def facts_of(
         hides=hidden,
         cuts=cut,
         shape=shape_of(view, camera, hidden, cut),
-        fingerprint=_fingerprint(view),
         recipe=recipe,
         noise_ratio=noise_ratio,
     )
-    if facts.blur_spread < SAME_DEPTH_PX:
-        facts = replace(facts, full=facts.full.changed({"layers": 1}))
-    return facts
 
 
 def through_mask_like(facts: Facts, camera: Camera) -> Facts:

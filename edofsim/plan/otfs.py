@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TypeAlias
 
 import torch
@@ -40,7 +41,7 @@ def otfs_of(
     side: of square tiles, in pixels; wider PSFs are cut.
     nodes: [node], 1/m.
     as_asked: the pupil is sampled as the fidelity says, where else each depth has the coarsest sampling that
-        will do for it.
+        its phases allow.
     within: side in pixels of what PSFs are computed in, None for the recipe's window.
     """
     recipe = camera.recipe.psf
@@ -55,10 +56,11 @@ def otfs_of(
     def otfs() -> Tensor:
         groups = [(torch.arange(nodes.numel()), simpler)]
         if not as_asked and pupil_is_free(camera):
-            auto = simpler.recipe.psf.pupil_sampling_um == "auto"
+            auto, quick = simpler.recipe.psf.pupil_sampling_um == "auto", replace(simpler, by_phase=True)
+            odd = reach | 1  # as windows of PSFs are that stand for mirrored ones
             groups = [
-                (some, simpler if auto else simpler.with_pupil_sampling(pitch))
-                for some, pitch in sampled_alike(simpler, gathering.wavelengths, nodes, reach)
+                (some, quick if auto else quick.with_pupil_sampling(pitch))
+                for some, pitch in sampled_alike(quick, gathering.wavelengths, nodes, odd)
             ]
         held = min(side, window, reach)
         begin = reach // 2 - held // 2

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -292,7 +293,8 @@ def _clipped(
     if not which.numel():
         return [canvas[inside] for canvas in canvases]
     depths = part.inverse_depth[which]
-    grids = [plan_sampling(each, part.wavelengths, depths, window, by_bound=False) for each in cameras]
+    by_phase = [replace(each, by_phase=True) for each in cameras]
+    grids = [plan_sampling(each, part.wavelengths, depths, window) for each in by_phase]
     grid = max(grids, key=lambda each: each.samples)
     openings = [aperture(camera, grid) for camera in cameras]
     lets_by = torch.from_numpy(np.ascontiguousarray(seen[which.numpy()]))

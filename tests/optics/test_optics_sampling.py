@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -53,6 +54,26 @@ def test_automatic_sampling_meets_bound_and_window(mask, wavelength):
         assert chosen.pitch <= bound * 1.0001
         # the PSF repeats itself beyond the window
         assert wavelength * 1e-9 * seen.sensor_distance / chosen.pitch >= window * seen.pixel * 0.9999
+
+
+@pytest.mark.parametrize("mask", ["clear", "cubic"])
+def test_phases_allow_a_coarser_pupil_for_estimates(mask):
+    """Automatically and at a given pitch, for PSFs that are nearly the same; and neither is kept as the
+    other's."""
+    exact = camera(mask={"kind": mask})
+    quick = replace(exact, by_phase=True)
+    bands, depths = [4.5e-7, 6.5e-7], torch.tensor([0.0, 4.0], dtype=torch.float64)
+    fine, coarse = (plan_sampling(seen, torch.tensor(bands).double(), depths, 128) for seen in (exact, quick))
+    assert coarse.samples < fine.samples
+    pitch = coarsest_pitch(quick, torch.tensor(bands).double(), depths, 128)
+    assert pitch > coarsest_pitch(exact, torch.tensor(bands).double(), depths, 128)
+    whole = psf_bank(exact, bands, depths, window_px=128).values
+    with pytest.raises(InputError, match="too coarse"):
+        psf_bank(exact.with_pupil_sampling(pitch), bands, depths, window_px=128)
+    for seen in (quick, quick.with_pupil_sampling(pitch)):
+        apart = psf_bank(seen, bands, depths, window_px=128).values - whole
+        error = float(apart.square().sum() / whole.square().sum())
+        assert 1e-12 < error < 10**-3.5
 
 
 def test_automatic_sampling_follows_steep_masks():

@@ -62,13 +62,15 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     what `FEWER` sub-apertures leave out from what `FEWEST` do."""
     full = facts.full.sub_apertures
     most = min(FEWER, full)
-    few = [{"sub_apertures": n} for n in ((1, FEWEST) if most < full else (1,))]
-    seen, *by_fewest = photo_changes(facts, few, sub_apertures=most)
-    fewer = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
-    fewer *= sum(map(_size, by_fewest)) / max(_size(seen), 1e-30)
-    if facts.camera.has_mask:
-        fewer = max(fewer, LEAST_LEFT_BY_FEWER)
+    (seen,) = photo_changes(facts, [{"sub_apertures": 1}], sub_apertures=most)
     whole = seen / SEEN
+    least = LEAST_LEFT_BY_FEWER if facts.camera.has_mask else 0.0
+    fewer = least
+    insisted = len(levels) >= len(EFFECT.levels(facts))
+    if most < full and (insisted or least * _size(whole) <= facts.allowed):  # else they err too much
+        (fewest,) = photo_changes(facts, [{"sub_apertures": FEWEST}], sub_apertures=most)
+        fewer = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
+        fewer = max(least, fewer * _size(fewest) / max(_size(seen), 1e-30))
     coarse = facts.coarse
     fine = _finer_than(2, seen.unflatten(1, (coarse.view.height, coarse.view.width)))
 
