@@ -249,8 +249,8 @@ def facts_of(
     noise_ratio: its noise over that of the recipe's samples.
     """
     view = with_guessed(view, camera)
-    with ThreadPoolExecutor(1) as beside:
-        fingerprint = beside.submit(_fingerprint, view)
+    with ThreadPoolExecutor(1) as pool:
+        fingerprint = pool.submit(_fingerprint, view)
         facts = _seen(view, camera, recipe, noise_ratio)
     facts = replace(facts, fingerprint=fingerprint.result())
     if facts.blur_spread < SAME_DEPTH_PX:

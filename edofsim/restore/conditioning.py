@@ -22,6 +22,7 @@ from ..optics import cache as bank_cache
 from ..optics.sampling import coarsest_pitch
 from ..recipe.camera import CameraRecipe
 from ..recipe.train import TrainRecipe
+from . import kept_state
 from .checkpoint import Checkpoint, recipe_with_mask, trained_camera
 from .depths import closer_about_focus
 from .restorer import Restorer
@@ -62,10 +63,10 @@ def conditioned_on(
     recipe = camera.recipe.model_dump_json(include={"lens", "focus", "sensor"})
     key = (recipe, *weights.flatten().tolist(), *wavelengths.tolist())
     if key not in known:
+        conditioned = copy.deepcopy(network).cpu()
         depths = network.psf_depths(_training(checkpoint).capture.inverse_depth_per_m)
-        psf = _channel_psfs(checkpoint, camera, wavelengths, weights, depths)
-        known[key] = copy.deepcopy(network).cpu()
-        known[key].set_psfs(psf)
+        _set_psfs(conditioned, checkpoint, camera, *_enough(wavelengths, weights), depths)
+        known[key] = conditioned
     return known[key]
 
 
@@ -109,16 +110,20 @@ def forget() -> None:
     _CONDITIONED.clear()
 
 
-def _channel_psfs(
-    checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor, weights: Tensor, inverse: Tensor
-) -> Tensor:
-    """[depth, 3, y, x] at inverse depths [depth] in 1/m."""
+def _set_psfs(
+    network: Restorer,
+    checkpoint: Checkpoint,
+    camera: Camera,
+    wavelengths: Tensor,
+    weights: Tensor,
+    inverse: Tensor,
+) -> None:
+    """Give it those of its mask at inverse depths [depth] in 1/m."""
     window = trained_camera(checkpoint).psf.window_px
     # the training's sampling of the pupil may be too coarse for the shortest wavelengths; the coarsest that
     # they allow is fine enough for filters
     psf = CameraRecipe(name="default").psf
     recipe = recipe_with_mask(camera.recipe, checkpoint).model_copy(update={"fabrication": None, "psf": psf})
-    wavelengths, weights = _enough(wavelengths, weights)
     coarsest = coarsest_pitch(Camera.from_recipe(recipe, camera.base), wavelengths, inverse, window)
     psf = psf.model_copy(update={"pupil_sampling_um": coarsest * 1e6})
     own = Camera.from_recipe(recipe.model_copy(update={"psf": psf}), camera.base)
@@ -126,7 +131,9 @@ def _channel_psfs(
     if checkpoint.height is not None:
         own = own.with_height(checkpoint.height)
         error = _training(checkpoint).doe.height_noise_nm * 1e-9
-    return channel_psfs(own, wavelengths, inverse, weights=weights, height_noise=error, window_px=window)
+    how = {"weights": weights, "height_noise": error, "window_px": window}
+    axes = (wavelengths, weights, inverse, torch.tensor([error, window], dtype=torch.float64))
+    kept_state.set_psfs(network, own, axes, lambda: channel_psfs(own, wavelengths, inverse, **how))
 
 
 def _training(checkpoint: Checkpoint) -> TrainRecipe:

@@ -16,8 +16,9 @@ from edofsim.optics import PAPER_COLOURS, Camera, psf_bank, response
 from edofsim.recipe.load import Loaded
 from edofsim.recipe.scene import Bands
 from edofsim.recipe.train import TrainRecipe
+from edofsim.restore import kept_state
 from edofsim.restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint, trained_camera
-from edofsim.restore.conditioning import conditioned_on
+from edofsim.restore.conditioning import conditioned_on, forget
 from edofsim.restore.dcnn import DCnn
 from edofsim.restore.network import apply_network
 from edofsim.restore.photograph_statistics import power_spectrum
@@ -114,6 +115,32 @@ def test_it_is_told_once(trained: Checkpoint) -> None:
     assert conditioned_on(trained, camera, BANDS) is first
     fewer = BANDS[::2]
     assert conditioned_on(trained, camera, fewer) is not first
+
+
+def test_the_next_process_is_told_what_is_kept(
+    trained: Checkpoint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without solving for filters again, to the last bit; a damaged file counts as none."""
+    monkeypatch.setattr(kept_state, "user_folder", lambda: tmp_path)
+    camera, photo = _camera(trained), torch.rand(1, 3, 48, 64, generator=torch.Generator().manual_seed(0))
+
+    def restored(**change: object) -> Tensor:
+        forget()  # as a process begins
+        return conditioned_on(replace(trained, **change), camera, BANDS)(photo)
+
+    with torch.no_grad():
+        first = restored()
+        (file,) = (tmp_path / "filters").iterdir()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(type(trained.network), "set_psfs", None)
+            assert torch.equal(restored(), first)
+        file.write_bytes(file.read_bytes()[:1000])
+        assert torch.equal(restored(), first) and file.stat().st_size > 1000
+        other = copy.deepcopy(trained.network)
+        next(other.parameters()).add_(1e-3)
+        assert not torch.equal(restored(network=other), first)
+        assert not torch.equal(restored(height=2 * trained.height), first)
+    assert len(list((tmp_path / "filters").iterdir())) == 3
 
 
 def test_bands_that_the_sensor_does_not_know_are_refused(trained: Checkpoint) -> None:
