@@ -20,7 +20,7 @@ from .capture.framing import framed, seen_through
 from .capture.guessed import lacks_hidden, with_guessed
 from .capture.noise import PhotoNoise, photo_noise
 from .capture.presets import PRESETS, preset
-from .core.memory import give_back_memory
+from .core.memory import give_back_memory, give_back_renderers_memory
 from .core.progress import Progress
 from .core.stopwatch import Stopwatch
 from .core.threads import in_threads
@@ -304,7 +304,7 @@ def planned_view(
     with watch.stage("render", 0.1, 0.6) as tell:
         view = render(recipe, scene.base, cache=cache, device=device, progress=tell)
         seen, view = seen_through(camera, recipe, view)
-    give_back_memory()
+    give_back_renderers_memory()
     known = _behind_edges(view, camera, watch)
     with watch.stage("plan", 0.62, 0.68) as tell:
         left = target

@@ -7,6 +7,13 @@ import sys
 from contextlib import suppress
 
 
+def give_back_renderers_memory() -> None:
+    """The same where anything was rendered in this process; else memory that is kept is soon taken again, at
+    a tenth of a second less."""
+    if "drjit" in sys.modules:
+        give_back_memory()
+
+
 def give_back_memory() -> None:
     """Give freed memory back to the system, the renderer's too, and where the C library can be asked to: else
     threads keep theirs."""

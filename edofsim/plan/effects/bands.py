@@ -44,12 +44,12 @@ def why(facts: Facts) -> str:
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     """By spectra, which know no division by what covers what: this adds as much as coarse photos show of it,
-    the less the more groups there are."""
+    the less the more groups there are; nothing to what errs by more than is allowed anyway."""
     found = []
     for level in levels:
         change = facts.spectra.by_bands(facts.full.changed(level.change))
         size = overall(rms(change))
-        if facts.full.occlusion == "hidden" and len(facts.cuts) > 1 and size > 0:
+        if facts.full.occlusion == "hidden" and len(facts.cuts) > 1 and 0 < size <= facts.allowed:
             others = facts.coarse.by_gathering(facts.full) / level.change["band_groups"]
             change = change * math.hypot(1, others / size)
         found.append(change)
