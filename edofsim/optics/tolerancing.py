@@ -383,6 +383,6 @@ def _products(a: Tensor, b: Tensor, weight: Tensor, waves: Tensor) -> Tensor:
     them."""
     terms = torch.stack([torch.ones_like(a), a, b], -1)
     root = weight.sqrt()[:, None]
-    plane = torch.linalg.lstsq(terms * root, waves * root, driver="gelsy").solution
+    plane = torch.linalg.lstsq(terms * root, waves * root, driver="gelsd").solution
     left = (waves - terms @ plane) * root
     return left.T @ left / weight.sum()

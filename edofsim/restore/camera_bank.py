@@ -8,7 +8,7 @@ it, and how much error each of these is expected to leave.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -132,6 +132,20 @@ class CameraBank(FilterBank):
     def set_camera(self, psf: Tensor, noise: float) -> None:
         self.load_psf_state(self.condition(psf, noise))
         self._given = psf.to(torch.float16), noise
+        self._brightened.clear()
+
+    def camera_state(self) -> Sequence[Tensor]:
+        if self._given is None:
+            return ()
+        psf, noise = self._given
+        numbers = torch.tensor([self.noise, noise], dtype=torch.float64)
+        return self.filters, self._matrix, self._constant, self.expected, psf, numbers
+
+    def load_camera_state(self, known: Sequence[Tensor]) -> None:
+        filters, matrix, constant, expected, psf, numbers = known
+        own, noise = numbers.tolist()
+        self.load_psf_state(Conditioning(filters, matrix, constant, expected, own))
+        self._given = psf, noise
         self._brightened.clear()
 
     def brightened_for(self, photo: Tensor) -> tuple[Restorer, float]:

@@ -90,10 +90,13 @@ def _conditioned(network: Restorer, camera: Camera, wavelengths: Tensor, inverse
     bank = bank_cache.key(camera, wavelengths, depths, window, None, torch.float32)
     key = (bank, *weights.flatten().tolist(), noise_deviation(camera))
     if key not in known:
-        some, of_each = _enough(wavelengths, weights)
-        psf = channel_psfs(camera, some, depths, weights=of_each)
-        known[key] = copy.deepcopy(network).cpu()
-        known[key].set_camera(psf, noise_deviation(camera))
+        conditioned, (some, of_each) = copy.deepcopy(network).cpu(), _enough(wavelengths, weights)
+
+        def psfs() -> Tensor:
+            return channel_psfs(camera, some, depths, weights=of_each)
+
+        kept_state.set_camera(conditioned, camera, (some, of_each, depths), psfs, noise_deviation(camera))
+        known[key] = conditioned
     return known[key]
 
 

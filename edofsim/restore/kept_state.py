@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
@@ -18,8 +19,10 @@ from ..recipe.kinds import NETWORKS
 from .restorer import Restorer
 
 ROOMS = ("core", "optics", "restore")
-KEPT = 20
+KEPT = 60
 """States that are kept, of some megabytes each; those used longest ago go first."""
+LARGEST_BYTES = 64 << 20
+"""Of a state that is kept."""
 
 
 def set_psfs(network: Restorer, made_for: Camera, axes: Sequence[Tensor], psfs: Callable[[], Tensor]) -> None:
@@ -29,30 +32,63 @@ def set_psfs(network: Restorer, made_for: Camera, axes: Sequence[Tensor], psfs: 
     axes: all else that decides them.
     psfs: makes them, [depth, 3, y, x].
     """
+    own = network.psf_state()
+    _set(
+        (network, made_for, axes),
+        lambda: network.set_psfs(psfs()),
+        lambda: tuple(_tensors(network.psf_state())),
+        lambda known: network.load_psf_state(_filled(own, iter(known))),
+    )
+
+
+def set_camera(
+    network: Restorer, camera: Camera, axes: Sequence[Tensor], psfs: Callable[[], Tensor], noise: float
+) -> None:
+    """`network.set_camera(psfs(), noise)` alike."""
+    _set(
+        (network, camera, (*axes, torch.tensor([noise], dtype=torch.float64))),
+        lambda: network.set_camera(psfs(), noise),
+        network.camera_state,
+        network.load_camera_state,
+    )
+
+
+def _set(
+    decided_by: tuple[Restorer, Camera, Sequence[Tensor]],
+    make: Callable[[], None],
+    state: Callable[[], Sequence[Tensor]],
+    load: Callable[[Sequence[Tensor]], None],
+) -> None:
+    network, camera, axes = decided_by
     said = {
         "code": code_of_rooms(*ROOMS),
         "network": [network.kind, NETWORKS.code_of(network.kind), network.settings()],
-        "optics": identity(made_for),
+        "optics": identity(camera),
     }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())
     for values in (*axes, *network.state_dict().values()):
         digest.update(values.contiguous().numpy().tobytes() + b"|")
-    own, key = network.psf_state(), digest.hexdigest()[:32]
-
-    def read(path: Path) -> list[Tensor]:
-        held = load_file(path)
-        return [held[str(place)] for place in range(len(held))]
-
-    kept = Store("{}.safetensors", read, _write, most_files=KEPT)
-    known = kept.find(key, user_folder() / "filters")
-    if known is not None and len(known) == len(list(_tensors(own))):
-        network.load_psf_state(_filled(own, iter(known)))
+    kept = Store("{}.safetensors", _read, _write, most_files=KEPT)
+    key, folder = digest.hexdigest()[:32], user_folder() / "filters"
+    known = kept.find(key, folder)
+    if known is not None:
+        load(known)
         return
-    network.set_psfs(psfs())
-    kept.keep(key, list(_tensors(network.psf_state())), user_folder() / "filters")
+    make()
+    found = [each.contiguous() for each in state()]
+    if not found:
+        return
+    load(found)  # as the next process does, to the last bit
+    if sum(each.nbytes for each in found) <= LARGEST_BYTES:
+        kept.keep(key, found, folder)
 
 
-def _write(tensors: list[Tensor], path: Path) -> None:
+def _read(path: Path) -> Sequence[Tensor]:
+    held = load_file(path)
+    return [held[str(place)] for place in range(len(held))]
+
+
+def _write(tensors: Sequence[Tensor], path: Path) -> None:
     save_file({str(place): each.contiguous() for place, each in enumerate(tensors)}, path)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 from torch import Tensor, nn
@@ -87,6 +87,18 @@ class Restorer(nn.Module):
 
         psf: [depth, 3, y, x].
         noise: standard deviation, relative to full scale.
+        """
+        raise NotImplementedError
+
+    def camera_state(self) -> Sequence[Tensor]:
+        """What it was given by `set_camera`, for `load_camera_state` in another process; none: it is not
+        kept."""
+        return ()
+
+    def load_camera_state(self, known: Sequence[Tensor]) -> None:
+        """Set it for that camera.
+
+        known: what `camera_state` gave.
         """
         raise NotImplementedError
 

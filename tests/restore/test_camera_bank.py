@@ -372,3 +372,19 @@ def test_the_cameras_recipe_is_used_with_its_files(checkpoint: Checkpoint) -> No
     loaded = Loaded(learned.recipe, learned.path, "")
     camera = choose_network(checkpoint.path, loaded)[1]
     assert camera.recipe.mask == learned.recipe.mask
+
+
+def test_what_it_is_given_goes_on_to_the_next_process() -> None:
+    """To the last bit, for dark photos, too."""
+    torch.manual_seed(0)
+    network = CameraBank(4, 9, 1, 4, (1, 1)).eval()
+    psf = _discs([1, 3, 5, 7]).repeat_interleave(PSFS_A_DEPTH, 0)
+    assert not network.camera_state()
+    network.set_camera(psf, 0.01)
+    other = CameraBank(4, 9, 1, 4, (1, 1)).eval()
+    other.load_state_dict(network.state_dict())
+    other.load_camera_state([each.clone() for each in network.camera_state()])
+    photo = torch.rand(1, 3, 40, 48, generator=torch.Generator().manual_seed(1))
+    for seen in (photo, 0.02 * photo):
+        one, two = (each.brightened_for(seen[0])[0] for each in (network, other))
+        assert torch.equal(one(seen), two(seen))

@@ -359,7 +359,7 @@ def _on_axis(lens: PrescriptionLens, wavelength: float, nearer: float = 0.0) -> 
     longer = longer - longer[0] - squared * (parabola / 2)
     scaled = squared * (2 / (BEYOND_RIM * held.rim * held.scale) ** 2) - 1
     fine = torch.isfinite(scaled) & (scaled < 1.05)
-    fit = torch.linalg.lstsq(chebyshev(scaled[fine], ORDER + 1), longer[fine, None], driver="gelsy")
+    fit = torch.linalg.lstsq(chebyshev(scaled[fine], ORDER + 1), longer[fine, None], driver="gelsd")
     return tuple(np.polynomial.chebyshev.cheb2poly(fit.solution[:, 0].numpy()).tolist())
 
 

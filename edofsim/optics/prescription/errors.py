@@ -194,7 +194,7 @@ class Exact:
         terms = basis(self.a, self.b) * self.weight[..., None]
         both = torch.cat([terms, terms * self.a[..., None]], -1).flatten(0, 1)
         values = (self.change * self.weight).flatten()[:, None]
-        even, odd = torch.linalg.lstsq(both, values, driver="gelsy").solution.chunk(2)
+        even, odd = torch.linalg.lstsq(both, values, driver="gelsd").solution.chunk(2)
         return Change(even, odd)
 
 
@@ -230,4 +230,4 @@ def planes(a: Tensor, b: Tensor, weight: Tensor, values: Tensor) -> Tensor:
     """
     root = weight.sqrt()[:, None]
     terms = torch.stack([torch.ones_like(a), a, b], -1) * root
-    return torch.linalg.lstsq(terms, values * root, driver="gelsy").solution[1:]
+    return torch.linalg.lstsq(terms, values * root, driver="gelsd").solution[1:]

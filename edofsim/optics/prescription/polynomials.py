@@ -48,7 +48,7 @@ def fit(a: Tensor, b: Tensor, weight: Tensor, values: Tensor, odd: bool = False)
     terms = basis(a, b) * weight[..., None]
     if odd:
         terms = terms * a[..., None]
-    return torch.linalg.lstsq(terms, values * weight[..., None], driver="gelsy").solution
+    return torch.linalg.lstsq(terms, values * weight[..., None], driver="gelsd").solution
 
 
 def values_at(even: Tensor, odd: Tensor, a: Tensor, b: Tensor) -> Tensor:
