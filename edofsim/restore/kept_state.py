@@ -33,10 +33,16 @@ def set_psfs(network: Restorer, made_for: Camera, axes: Sequence[Tensor], psfs: 
     psfs: makes them, [depth, 3, y, x].
     """
     own = network.psf_state()
+
+    def state() -> Sequence[Tensor]:
+        now = network.psf_state()
+        # what is no tensor is not kept: it has to be what it was
+        return tuple(_tensors(now)) if _outline(now) == _outline(own) else ()
+
     _set(
         (network, made_for, axes),
         lambda: network.set_psfs(psfs()),
-        lambda: tuple(_tensors(network.psf_state())),
+        state,
         lambda known: network.load_psf_state(_filled(own, iter(known))),
     )
 
@@ -99,6 +105,13 @@ def _tensors(state: object) -> Iterator[Tensor]:
     elif isinstance(state, tuple):
         for each in state:
             yield from _tensors(each)
+
+
+def _outline(state: object) -> object:
+    """The nested tuples without the tensors' values."""
+    if isinstance(state, tuple):
+        return tuple(map(_outline, state))
+    return Tensor if isinstance(state, Tensor) else state
 
 
 def _filled(state: object, tensors: Iterator[Tensor]) -> object:

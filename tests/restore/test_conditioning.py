@@ -143,6 +143,19 @@ def test_the_next_process_is_told_what_is_kept(
     assert len(list((tmp_path / "filters").iterdir())) == 3
 
 
+def test_a_state_that_is_more_than_tensors_is_not_kept(
+    trained: Checkpoint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would come back without the rest: a network of another package may count what it was given."""
+    monkeypatch.setattr(kept_state, "user_folder", lambda: tmp_path)
+    given, kind = iter(range(9)), type(trained.network)
+    own = kind.psf_state
+    monkeypatch.setattr(kind, "psf_state", lambda self: (own(self), next(given)))
+    forget()
+    conditioned_on(trained, _camera(trained), BANDS)
+    assert not (tmp_path / "filters").exists()
+
+
 def test_bands_that_the_sensor_does_not_know_are_refused(trained: Checkpoint) -> None:
     with pytest.raises(InputError, match="covers"):
         conditioned_on(trained, _camera(trained), torch.tensor([300e-9, 500e-9]))
