@@ -275,8 +275,8 @@ def restored(
     depths: tuple[float, float] = (NEAREST, math.inf),
     wavelengths: Sequence[float] | Tensor | None = None,
 ) -> Tensor:
-    """The sharp image of a photo. The camera is taken as it is: a network that was trained with another mask
-    restores badly.
+    """The sharp image of a photo, without what lamps have beyond full scale. The camera is taken as it is: a
+    network that was trained with another mask restores badly.
 
     photo: a `Photo`, or any linear image [3, y, x], full scale 1.
     camera: that took it.

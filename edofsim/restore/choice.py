@@ -52,15 +52,20 @@ def any_camera_network() -> Checkpoint | None:
 
 
 def said_of(checkpoint: Checkpoint | None, by: Method) -> str | None:
-    """A sentence on what restored a photo where that was not trained for its camera, for a person.
+    """Sentences on what restored a photo where that was not trained for its camera, and on what was taken off
+    it first, for a person.
 
     by: as `restore` gives it; None where there is nothing to say.
     """
-    if checkpoint is None or not checkpoint.network.any_camera:
-        return None
-    if not by.reason:
-        return (
-            f"No network was trained for this camera's mask: {by.name}, which knows any camera by its PSFs, "
-            "restored the photo."
+    said: list[str] = []
+    if by.highlights:
+        were = "1 highlight was" if by.highlights == 1 else f"{by.highlights} highlights were"
+        said.append(f"{were} brighter than full scale; what is beyond was taken off before the restoration.")
+    if checkpoint is not None and checkpoint.network.any_camera:
+        said.append(
+            f"Wiener deconvolution restored the photo: {by.reason}."
+            if by.reason
+            else f"No network was trained for this camera's mask: {by.name}, which knows any camera by its "
+            "PSFs, restored the photo."
         )
-    return f"Wiener deconvolution restored the photo: {by.reason}."
+    return " ".join(said) or None

@@ -19,15 +19,20 @@ class Method:
     name: of the network, or Wiener.
     reason: why no network did, where one was asked for.
     step_px: between places with filters of their own, 0 where all of the photo has the same.
+    highlights: beyond full scale, which were taken off first.
     """
 
     name: str
     reason: str = ""
     step_px: int = 0
+    highlights: int = 0
 
     def __str__(self) -> str:
         places = (f"place by place, {self.step_px} px apart",) if self.step_px else ()
-        return ", ".join((self.name, *((f"as {self.reason}",) if self.reason else ()), *places))
+        reason = (f"as {self.reason}",) if self.reason else ()
+        count = f"{self.highlights} highlight{'s' * (self.highlights > 1)}"
+        lamps = (f"{count} beyond full scale taken off",) if self.highlights else ()
+        return ", ".join((self.name, *reason, *places, *lamps))
 
 
 BY_WIENER = Method("Wiener")

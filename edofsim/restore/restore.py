@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -11,6 +13,7 @@ from ..optics.field import Frame
 from ..optics.nodes import node_shares, nodes_between
 from .checkpoint import Checkpoint
 from .conditioning import conditioned_on, refusal
+from .highlights import without_highlights
 from .light import without_glare, without_truncated
 from .network import apply_network
 from .places import Method, restored_by_place, step_of
@@ -19,6 +22,9 @@ from .wiener import wiener
 
 PLACE_BANDS = 12
 """At most, of the PSFs that each place in the field is restored by."""
+HIGHLIGHT_NODES, HIGHLIGHT_PX = 17, 256
+"""Of the distances that highlights are looked for at, between which there is one more each, and the window of
+their PSFs, both at most."""
 
 
 def restore(
@@ -33,8 +39,9 @@ def restore(
     truncated: Tensor | None = None,
     frame: Frame | None = None,
     by_place: bool = True,
+    highlights: bool = True,
 ) -> tuple[Tensor, Method]:
-    """The sharp image of a photo, and what made it.
+    """The sharp image of a photo, without highlights beyond full scale, and what made it.
 
     image: [channel, y, x] linear, full scale 1.
     wavelengths: [band], metres.
@@ -48,6 +55,7 @@ def restore(
     frame: where the photo looks, None: about the optical axis; through a lens that varies over the field each
         place is restored by its own PSFs, after the photo is brought to the light of the axis.
     by_place: False for the PSFs of the one place in the field that the camera looks at.
+    highlights: False to restore the photo with its highlights.
     camera: whose PSFs and noise count.
     checkpoint: None for Wiener deconvolution.
 
@@ -56,9 +64,16 @@ def restore(
     at which it is looked at. A filter bank is conditioned on the wavelengths, see `conditioning`; where a
     network for any camera cannot restore, Wiener deconvolution does, and `Method.reason` says why.
     """
+    varies = camera.lens.varies and by_place
+    given = Frame.about(image.shape[-2], image.shape[-1], camera) if frame is None else frame
+    lamps = 0
+    if highlights and len(image) == 3:
+        place, known = given if varies else None, psfs is not None
+        image, lamps = _within_full_scale(image, camera, wavelengths, inverse_depths, known, place)
     how = {"checkpoint": checkpoint, "glare": glare, "truncated": truncated}
-    if not camera.lens.varies or not by_place:
-        return _restored_here(image, camera, wavelengths, inverse_depths, psfs=psfs, **how)
+    if not varies:
+        sharp, method = _restored_here(image, camera, wavelengths, inverse_depths, psfs=psfs, **how)
+        return sharp, replace(method, highlights=lamps)
     nodes = (
         inverse_depths if psfs is not None else nodes_between(camera, wavelengths, *inverse_depths.aminmax())
     )
@@ -69,8 +84,36 @@ def restore(
         own = channel_psfs(there, few, nodes, weights=weights)
         return _restored_here(part, there, wavelengths, nodes, psfs=own, **how)
 
-    given = Frame.about(image.shape[-2], image.shape[-1], camera) if frame is None else frame
-    return restored_by_place(image, camera, given, step_of(camera, given, wavelengths, nodes), one)
+    sharp, method = restored_by_place(image, camera, given, step_of(camera, given, wavelengths, nodes), one)
+    return sharp, replace(method, highlights=lamps)
+
+
+def _within_full_scale(
+    image: Tensor,
+    camera: Camera,
+    wavelengths: Tensor,
+    inverse_depths: Tensor,
+    nodes: bool,
+    frame: Frame | None,
+) -> tuple[Tensor, int]:
+    """The photo without what highlights have beyond full scale, and their number.
+
+    nodes: whether the inverse depths stand for all between them.
+    frame: where the photo looks, through a lens that varies over the field; None for the camera's own place.
+    """
+
+    def psfs(row: float, column: float) -> Tensor:
+        there = camera if frame is None else camera.seen_at(frame.field(row, column))
+        few, weights = _fewer_bands(wavelengths, response(there, wavelengths))
+        known = inverse_depths.double()
+        known = known if nodes else nodes_between(there, few, *known.aminmax())
+        step = -(-len(known) // HIGHLIGHT_NODES)
+        known = torch.cat([known[:-1:step], known[-1:]])
+        depths = torch.cat([known, (known[1:] + known[:-1]) / 2]).sort().values
+        window = min(HIGHLIGHT_PX, there.recipe.psf.window_px)
+        return channel_psfs(there, few, depths, weights=weights, window_px=window)
+
+    return without_highlights(image, psfs, noise_deviation(camera))
 
 
 def _fewer_bands(wavelengths: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
