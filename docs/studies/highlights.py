@@ -1,10 +1,11 @@
 """What lamps beyond full scale cost a restoration, and what is gained where they are taken off first.
 
-`python -m docs.studies.highlights [--data FOLDER] [--limit N] [--json FILE]`. Photographs are planes at a
-random depth through the learned mask, with a disc of light before their middle, of several radii and
-brightnesses, and without one; the sensor saturates. The shipped scenes with lamps are photographed as by
-`evaluate scene3d`, whole frames. Networks and Wiener deconvolution restore each photo with its highlights and
-without, see `edofsim.restore.highlights`.
+`python -m docs.studies.highlights [--data FOLDER] [--limit N] [--json FILE] [--picture FILE]`. Photographs
+are planes at a random depth through the learned mask, with a disc of light before their middle, of several
+radii and brightnesses, and without one; the sensor saturates. The shipped scenes with lamps are photographed
+as by `evaluate scene3d`, whole frames. Networks and Wiener deconvolution restore each photo with its
+highlights and without, see `edofsim.restore.highlights`. The picture is of the first scene: its photo, and
+what `paper-bank` restores.
 Figures: `psnr_db.PHOTO.SYSTEM.{as_it_is,taken_off}`, with PHOTO one of the scenes, `plain` and
 `RADIUSpx.TIMES`, SYSTEM one of `wiener` and the networks; `psnr_db.PHOTO.photo`; `lamps.PHOTO`, taken off;
 `seconds.PHOTO`, which that took once its PSFs were known.
@@ -25,6 +26,7 @@ import torch
 from torch import Tensor
 
 from edofsim.capture.prepare import channel_weights
+from edofsim.core.images import srgb_encode, write_png
 from edofsim.experiments.photographs import photographs
 from edofsim.experiments.planes import noisy, random_depths, through
 from edofsim.experiments.protocols import OURS, WAYS, capture_restored, systems_of, unscattered_light
@@ -61,12 +63,12 @@ class Taken:
     glare: Tensor
     scored_px: int | None = None
 
-    def restored(self, system: str, taken_off: bool) -> tuple[float, int]:
-        """PSNR, and how many highlights were taken off."""
+    def restored(self, system: str, taken_off: bool) -> tuple[Tensor, int]:
+        """The image, and how many highlights were taken off."""
         checkpoint = None if system == "wiener" else load_checkpoint(system)
         how = {"checkpoint": checkpoint, "glare": self.glare, "highlights": taken_off}
         image, by = restore(self.photo, self.camera, self.wavelengths, self.ends, **how)
-        return self.score(image), by.highlights
+        return image, by.highlights
 
     def score(self, image: Tensor) -> float:
         return image_psnr(middle(image, self.scored_px), middle(self.truth, self.scored_px))
@@ -119,7 +121,8 @@ def figures_of(taken: Taken) -> dict[str, float]:
     found = {"psnr_db.{}.photo": taken.score(taken.photo)}
     for system in ("wiener", *NETWORKS):
         for way, taken_off in (("as_it_is", False), ("taken_off", True)):
-            found[f"psnr_db.{{}}.{system}.{way}"], found["lamps.{}"] = taken.restored(system, taken_off)
+            image, found["lamps.{}"] = taken.restored(system, taken_off)
+            found[f"psnr_db.{{}}.{system}.{way}"] = taken.score(image)
     clock = [time.perf_counter()]
     for taken_off in (True, False):
         taken.restored("wiener", taken_off)
@@ -138,12 +141,24 @@ def measured(data: Path | None, limit: int | None) -> dict[str, float]:
     return {figure: fmean(values) for figure, values in every.items()}
 
 
+@torch.no_grad()
+def write_picture(path: Path) -> None:
+    """The first scene: its photo, and what a network restores with its highlights, and without."""
+    taken = next(of_scenes())
+    images = [taken.photo, *(taken.restored(NETWORKS[0], taken_off)[0] for taken_off in (False, True))]
+    shown = torch.cat([image[:, 100:310, 90:440] for image in images], 2)
+    write_png(path, srgb_encode(shown.clamp(0, 1)))
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="python -m docs.studies.highlights")
     parser.add_argument("--data", type=Path)
     parser.add_argument("--limit", type=int)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--picture", type=Path)
     asked = parser.parse_args()
+    if asked.picture:
+        write_picture(asked.picture)
     figures = measured(asked.data, asked.limit)
     if asked.json:
         typed = shlex.join(["python", "-m", "docs.studies.highlights", *sys.argv[1:]])
