@@ -11,6 +11,9 @@ import torch
 from scipy.signal import fftconvolve
 from torch import Tensor
 
+from edofsim.capture.planes import capture_planes
+from edofsim.core.images import srgb_decode
+from edofsim.experiments.photographs import photographs
 from edofsim.optics import PAPER_COLOURS, Camera, channel_psfs
 from edofsim.restore import restore, said_of
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
@@ -238,3 +241,21 @@ def test_a_person_is_told_what_was_taken_off() -> None:
     said = said_of(load_checkpoint("universal"), Method("universal", highlights=3)) or ""
     assert said.startswith("3 highlights were brighter")
     assert "No network was trained" in said
+
+
+@pytest.mark.parametrize(("picture", "inverse"), [("astronaut", 1.7), ("chelsea", 0.3)])
+def test_bright_photographs_without_lamps_stay(
+    taken: tuple[Camera, Callable[[float], Tensor], Tensor], picture: str, inverse: float
+) -> None:
+    """A suit and fur, overexposed to two and three times full scale."""
+    camera = taken[0]
+    depths = torch.tensor([*torch.linspace(0, 2.05, 21), inverse], dtype=torch.float64)
+    psfs = channel_psfs(camera, PAPER_COLOURS, depths)
+    values = next(each for each in photographs(None).pictures if each.name == picture).values
+    light = srgb_decode(values) * (2 if picture == "astronaut" else 3)
+    rows, columns = (size // 2 for size in light.shape[-2:])
+    part = light[:, rows - 130 : rows + 130, columns - 130 : columns + 130]
+    clean = capture_planes(part[None], psfs[-1:])[0]
+    generator = torch.Generator().manual_seed(0)
+    photo = (clean + NOISE * torch.randn(clean.shape, generator=generator)).clamp(0, 1)
+    assert without_highlights(photo, lambda row, column: psfs[:-1], NOISE)[0] is photo
