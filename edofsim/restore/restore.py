@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -22,9 +23,10 @@ from .wiener import wiener
 
 PLACE_BANDS = 12
 """At most, of the PSFs that each place in the field is restored by."""
-HIGHLIGHT_NODES, HIGHLIGHT_PX = 17, 256
-"""Of the distances that highlights are looked for at, between which there is one more each, and the window of
-their PSFs, both at most."""
+HIGHLIGHT_NODES = 17
+"""Distances that highlights are looked for at, at most; between two of them there is one more."""
+HIGHLIGHT_PX = 256
+"""Window of the PSFs of highlights, at most."""
 
 
 def restore(
@@ -102,8 +104,7 @@ def _within_full_scale(
     frame: where the photo looks, through a lens that varies over the field; None for the camera's own place.
     """
 
-    def psfs(row: float, column: float) -> Tensor:
-        there = camera if frame is None else camera.seen_at(frame.field(row, column))
+    def psfs_of(there: Camera) -> Tensor:
         few, weights = _fewer_bands(wavelengths, response(there, wavelengths))
         known = inverse_depths.double()
         known = known if nodes else nodes_between(there, few, *known.aminmax())
@@ -112,6 +113,13 @@ def _within_full_scale(
         depths = torch.cat([known, (known[1:] + known[:-1]) / 2]).sort().values
         window = min(HIGHLIGHT_PX, there.recipe.psf.window_px)
         return channel_psfs(there, few, depths, weights=weights, window_px=window)
+
+    @cache
+    def everywhere() -> Tensor:
+        return psfs_of(camera)
+
+    def psfs(row: float, column: float) -> Tensor:
+        return everywhere() if frame is None else psfs_of(camera.seen_at(frame.field(row, column)))
 
     return without_highlights(image, psfs, noise_deviation(camera))
 
