@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -36,13 +38,21 @@ class Blurring:
         self.response = response
         self.gap = gap
         self.between = between
-        self._light: Blur | None = None
-        self._coverage: Blur | None = None
 
     @property
     def reach(self) -> int:
         """How far a PSF carries light, in pixels."""
         return self.psfs.window // 2
+
+    @cached_property
+    def _shines(self) -> Blur:
+        """A blur of light at the nodes."""
+        return layered(self.psfs, self.response)
+
+    @cached_property
+    def _blocks(self) -> Blur:
+        """A blur of coverage there."""
+        return self._blocking(self.psfs)
 
     def light(self, view: View, which: Tensor, part: Tensor | None = None) -> Tensor:
         """Blurred light of some fragments: [channel, y, x] of the padded frame.
@@ -54,9 +64,7 @@ class Blurring:
         radiance = None if part is None else view.radiance.index_select(1, which) * part
         if self.between is not None:
             return self._smooth_light(self._nearby(view, which), view, which, radiance)
-        if self._light is None:
-            self._light = layered(self.psfs, self.response)
-        return self._blurred(self._light, light_of(view, self.psfs.inverse_depths, which, radiance), view)
+        return self._blurred(self._shines, light_of(view, self.psfs.inverse_depths, which, radiance), view)
 
     def coverage(self, view: View, which: Tensor, amount: Tensor) -> Tensor:
         """How much some fragments block of what lies behind them: [channel, y, x] of the padded frame.
@@ -71,10 +79,8 @@ class Blurring:
         """
         if self.between is not None:
             return self._smooth_coverage(self._nearby(view, which), view, which, amount)
-        if self._coverage is None:
-            self._coverage = self._blocking(self.psfs)
         light = light_of(view, self.psfs.inverse_depths, which, amount[None])
-        return self._blurred(self._coverage, light, view)
+        return self._blurred(self._blocks, light, view)
 
     def slab(self, view: View, which: Tensor, part: Tensor, amount: Tensor) -> tuple[Tensor, Tensor]:
         """`light` and `coverage` of the same fragments.
@@ -85,7 +91,12 @@ class Blurring:
         view: whose fragments they are.
         """
         if self.between is None:
-            return self.light(view, which, part), self.coverage(view, which, amount)
+            both = torch.cat([view.radiance.index_select(1, which) * part, amount[None]])
+            placed = light_of(view, self.psfs.inverse_depths, which, both)
+            shining, blocking = (
+                replace(placed, radiance=placed.radiance[rows]) for rows in (slice(-1), slice(-1, None))
+            )
+            return self._blurred(self._shines, shining, view), self._blurred(self._blocks, blocking, view)
         near = self._nearby(view, which)
         radiance = view.radiance.index_select(1, which) * part
         return (

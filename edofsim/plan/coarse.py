@@ -27,6 +27,8 @@ BINS = 512
 BANDS = 5
 """Of the light whose gathering is looked at, evenly over the view's."""
 LAYERS = 4
+TWICE = 2
+"""As wide are the pixels in which this is looked at."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ class Coarse:
             if fidelity.sub_apertures == 1:
                 sampled = {"pupil_sampling_um": self.pupil_um} if self.pupil_um else {}
                 return clean_photo(self.view, self.camera, fidelity.changed(sampled), **how)
-            change = sub_aperture_change(self.view, self.camera, fidelity, **how)
-            return self._clean(fidelity.changed({"sub_apertures": 1})) + change
+            whole = self._clean(fidelity.changed({"sub_apertures": 1}))  # which others wait for
+            return whole + sub_aperture_change(self.view, self.camera, fidelity, **how)
 
         return self._known.get(fidelity, clean)
 
@@ -73,9 +75,9 @@ class Coarse:
         coverage of a group are blurred alike, those of its bands are not."""
 
         def found() -> float:
-            known = Once()
-            known.get("layout", lambda: self._layout)
-            some = replace(self, view=with_few_bands(self.view, self.camera), _known=known)
+            light = with_few_bands(self.view, self.camera)
+            fine = replace(self, view=light, _known=Once())
+            some = _in_large_pixels(fine, TWICE, coarsely=self.pupil_um is not None)
             usual = full.changed({"layers": LAYERS, "sub_apertures": 1, "sub_aperture_pixel": 1})
             change = torch.zeros(())
             for way, sign in (("hidden", 1), ("none", -1)):
@@ -101,22 +103,29 @@ def coarse_of(view: View, camera: Camera, exposure: float, coarsely: bool = Fals
     rows, columns = view.padded_shape
     times = max(1, round(math.sqrt(rows * columns / PIXELS)))
     times = min(times, view.height, view.width)
+    return _in_large_pixels(Coarse(view, camera, 1, exposure), times, coarsely)
+
+
+def _in_large_pixels(fine: Coarse, times: int, coarsely: bool) -> Coarse:
+    """The same in pixels `times` as wide; coarsely: see `coarse_of`."""
     if times == 1:
-        return Coarse(view, camera, 1, exposure)
-    recipe = camera.recipe
-    window = _even(recipe.psf.window_px / times)
+        return fine
+    recipe, view = fine.camera.recipe, fine.view
     samples = recipe.psf.oversampling
-    finely = samples if samples == "auto" else samples * times
-    psf = {"window_px": window, "pupil_sampling_um": "auto", "oversampling": finely}
+    psf = {
+        "window_px": _even(recipe.psf.window_px / times),
+        "pupil_sampling_um": "auto",
+        "oversampling": samples if samples == "auto" else samples * times,
+    }
     larger = recipe.model_copy(
         update={
             "psf": recipe.psf.model_copy(update=psf),
             "sensor": recipe.sensor.model_copy(update={"pixel_um": recipe.sensor.pixel_um * times}),
         }
     )
-    large = replace(camera, recipe=larger, pixel=camera.pixel * times, by_phase=True)
+    large = replace(fine.camera, recipe=larger, pixel=fine.camera.pixel * times, by_phase=True)
     pupil_um = coarsest_pupil_um(large, view.wavelengths, view.inverse_depth) if coarsely else None
-    return Coarse(coarser(view, times), large, times, exposure, pupil_um)
+    return Coarse(coarser(view, times), large, fine.times * times, fine.exposure, pupil_um)
 
 
 def coarser(view: View, times: int) -> View:

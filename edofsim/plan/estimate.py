@@ -15,12 +15,13 @@ from ..core.progress import Progress
 from ..core.threads import in_threads
 from .effect import Effect, Errors, Level, overall
 from .facts import Facts, rms
+from .otfs import FINE_NODES, fine_nodes_of
 
 CHUNK = 2**16
 """Entries of differences whose products are summed at a time, so that little memory is touched."""
 LITTLE = 0.2
 """Share of the error that a photo may have: what errs by less leaves nearly all of it to other effects."""
-FINER = 1 / 3
+FINER = 1 / 2
 """Likewise: where a level errs by less, a finer one leaves them little more."""
 
 
@@ -68,8 +69,18 @@ class Estimates:
     def _listed(self) -> list[list[float]]:
         return self.products.tolist()
 
+    @cached_property
+    def _totals(self) -> dict[tuple[int, ...], float]:
+        return {}
+
     def total(self, chosen: Mapping[str, int]) -> float:
         """Root mean square error of the photo with these levels of the effects."""
+        levels = tuple(chosen[row.effect.name] for row in self.rows)
+        if levels not in self._totals:
+            self._totals[levels] = self._total(chosen)
+        return self._totals[levels]
+
+    def _total(self, chosen: Mapping[str, int]) -> float:
         images: list[int] = []
         noise = bias = 0.0
         for row in self.rows:
@@ -140,10 +151,15 @@ def _measured(
     facts: Facts, todo: Sequence[tuple[Effect, Sequence[Level], bool]], progress: Progress | None
 ) -> list[Mapping[int, Tensor]]:
     """What levels of effects change, by their number, several effects at a time; each effect with whether all
-    of its levels are looked at. Those of one pass begin: they are seen in coarse photos, and need not wait
-    for spectra that another thread makes."""
+    of its levels are looked at. Those of one pass begin: they are seen in coarse photos alone, and need not
+    wait for spectra that another thread makes. Quick ones end: threads are done at about the same time.
+    Where PSFs of many depths take long, and others would wait for them, all threads make these first."""
+    effects = [effect for effect, *_ in todo]
+    many = fine_nodes_of(facts.camera, facts.view, facts.ends) > FINE_NODES
+    if many and not all(effect.one_pass for effect in effects):
+        facts.spectra.make_fine_psfs()
     lock, done = threading.Lock(), 0
-    order = sorted(range(len(todo)), key=lambda number: not todo[number][0].one_pass)
+    order = sorted(range(len(todo)), key=lambda each: (not effects[each].one_pass, effects[each].quick))
 
     def measure(one: tuple[Effect, Sequence[Level], bool]) -> Mapping[int, Tensor]:
         nonlocal done

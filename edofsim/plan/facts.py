@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -249,41 +249,55 @@ def facts_of(
     noise_ratio: its noise over that of the recipe's samples.
     """
     view = with_guessed(view, camera)
+    response = channel_weights(camera, view.wavelengths)
     with ThreadPoolExecutor(1) as pool:
-        fingerprint = pool.submit(_fingerprint, view)
-        facts = _seen(view, camera, recipe, noise_ratio)
-    facts = replace(facts, fingerprint=fingerprint.result())
+        light = pool.submit(_light, view, response)
+        facts = _facts(view, camera, response, light, recipe=recipe, noise_ratio=noise_ratio)
     if facts.blur_spread < SAME_DEPTH_PX:
         facts = replace(facts, full=facts.full.changed({"layers": 1}))
     return facts
 
 
-def _seen(view: View, camera: Camera, recipe: SceneRecipe | None, noise_ratio: float) -> Facts:
-    """The facts of a view with what is behind its edges, without its fingerprint."""
-    response = channel_weights(camera, view.wavelengths)
+def _light(view: View, response: Tensor) -> tuple[str, Tensor, Tensor]:
+    """The fingerprint of a view, its ideal image and its spectrum."""
+    return _fingerprint(view), view.crop_margin(all_in_focus(view, response)), spectrum_of(view)
+
+
+def _facts(
+    view: View,
+    camera: Camera,
+    response: Tensor,
+    light: Future[tuple[str, Tensor, Tensor]],
+    *,
+    recipe: SceneRecipe | None,
+    noise_ratio: float,
+) -> Facts:
+    """The facts of a view with what is behind its edges; light: `_light`, which another thread looks at."""
     wanted, gap = camera.recipe.sensor.exposure, 1 / blur_per_dioptre(camera)
     depth = view.inverse_depth.double()
 
     distinct = torch.unique(depth[:: max(1, depth.numel() // 2000)])
     if distinct.numel() <= FEW_DEPTHS:
         distinct = torch.unique(depth)
-    ideal, edges = view.crop_margin(all_in_focus(view, response)), edge_pixels(view, gap)
-    hidden = hides(view, gap)
+    edges, hidden = edge_pixels(view, gap), hides(view, gap)
     cut = cuts(view, gap, hidden)
+    full, shape = full_fidelity(camera, view, edges), shape_of(view, camera, hidden, cut)
+    fingerprint, ideal, spectrum = light.result()
     return Facts(
         view=view,
         camera=camera,
-        full=full_fidelity(camera, view, edges),
+        full=full,
         edges=edges,
         response=response,
-        spectrum=spectrum_of(view),
+        spectrum=spectrum,
         ideal=ideal,
         exposure=automatic_exposure(ideal, noisy=view.noise > 0) if wanted == "auto" else float(wanted),
         ends=(float(depth.min()), float(depth.max())),
         depths=distinct if distinct.numel() <= FEW_DEPTHS else None,
         hides=hidden,
         cuts=cut,
-        shape=shape_of(view, camera, hidden, cut),
+        shape=shape,
+        fingerprint=fingerprint,
         recipe=recipe,
         noise_ratio=noise_ratio,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeAlias
@@ -12,14 +13,25 @@ from torch.nn.functional import pad
 
 from ..capture.band_groups import Gathering
 from ..capture.fidelity import Fidelity, pupil_is_free, simpler_camera
+from ..capture.prepare import depth_nodes
 from ..core.once import Once
 from ..optics import Camera, psf_bank
+from ..optics.camera import defocus_per_dioptre
 from ..optics.sampling import sampled_alike
+from ..render.view import View
 
 WINDOWS = 0.5, 0.75
 """Of a window, the smaller ones that are tried."""
 ENCIRCLED_SHARE = 0.95
 """Share of a PSF's light that a smaller one must hold."""
+
+FINE_NODES = 25
+"""Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
+MORE_NODES = 12
+"""This many are added, and again, until light between two of them is blurred right to about `FINE_DB`: a fast
+lens is sharp between two of few. Nodes of 2, 3, 4, 5, 7 and 13 layers stay among them."""
+FINE_DB = 35.0
+MOST_FINE = 193
 
 MakeOtfs: TypeAlias = Callable[..., Tensor]
 """`otfs_of` of a camera, for tiles of a size."""
@@ -75,6 +87,17 @@ def otfs_of(
         return torch.fft.rfft2(pad(psfs, (0, beyond, 0, beyond)).roll((-middle, -middle), (-2, -1)))
 
     return known.get(key, otfs)
+
+
+def fine_nodes_of(camera: Camera, view: View, ends: tuple[float, float]) -> int:
+    """Depths that depth layers are judged by: `FINE_NODES`, and more for a fast lens.
+
+    ends: least and largest inverse depth of the view in 1/m.
+    """
+    per_dioptre = defocus_per_dioptre(camera, float(view.wavelengths.min()))
+    fine = torch.linspace(*ends, 2 * MOST_FINE, dtype=torch.float64)
+    more = min(depth_nodes(fine, "auto", per_dioptre, FINE_DB).numel(), MOST_FINE) - FINE_NODES
+    return FINE_NODES + MORE_NODES * max(0, math.ceil(more / MORE_NODES))
 
 
 def reach_of(make: MakeOtfs, fidelity: Fidelity, gathering: Gathering, nodes: Tensor, window: int) -> int:

@@ -21,14 +21,12 @@ from ..capture.band_groups import Gathering, every_band
 from ..capture.fidelity import Fidelity
 from ..capture.imaging import Axes, gathering_of
 from ..capture.occlusion.slabs import Hides
-from ..capture.prepare import depth_nodes
 from ..core.once import Once
 from ..optics import Camera
-from ..optics.camera import defocus_per_dioptre
 from ..optics.terms import cubic
 from ..render.view import View
 from .fragments import Fragments, Tiled, at_nodes, hat, in_tiles, light_by_depth, together
-from .otfs import MakeOtfs, otfs_of, reach_of
+from .otfs import FINE_NODES, MakeOtfs, fine_nodes_of, otfs_of, reach_of
 from .passing import Passing, passing
 from .tiles import Tiles, choose_tiles
 
@@ -48,12 +46,6 @@ CELLS = 2000
 """Of the view's inverse depths, to find that."""
 BANDS = 11
 """Wavelengths at which these are looked at, evenly over the view's bands."""
-FINE_NODES = 25
-"""Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
-FINE_DB = 40.0
-"""These are doubled until light between two of them is blurred right to about this many decibels: a fast lens
-is sharp between two of few."""
-MOST_FINE = 193
 FOUND_DB = 45.0
 """Spectra of light are distinguished by as many components as leave less than this of them: 1 to 10 on most
 shipped scenes, nearly every band where each has noise of its own."""
@@ -180,15 +172,12 @@ class Spectra:
 
     @cached_property
     def fine_nodes(self) -> int:
-        """Depths that depth layers are judged by: `FINE_NODES`, and more for a fast lens."""
-        per_dioptre = defocus_per_dioptre(self.camera, float(self.view.wavelengths.min()))
-        enough = depth_nodes(
-            torch.linspace(*self.ends, 2 * MOST_FINE, dtype=torch.float64), "auto", per_dioptre, FINE_DB
-        )
-        count = FINE_NODES
-        while count < min(enough.numel(), MOST_FINE):
-            count = 2 * count - 1
-        return count
+        """Depths that depth layers are judged by."""
+        return fine_nodes_of(self.camera, self.view, self.ends)
+
+    def make_fine_psfs(self) -> None:
+        """Those of the fine nodes, by all threads, before each of these asks for them."""
+        _ = self._fine
 
     @cached_property
     def _fine(self) -> tuple[Tensor, Gathering, Tensor]:

@@ -405,15 +405,18 @@ def counted(monkeypatch: pytest.MonkeyPatch, view: View, plan) -> dict[str, int]
         calls["convolutions"] += len(light)
         return add_convolved(total, light, *rest)
 
-    def coverage(self, *rest):
-        calls["coverages"] += 1
-        return blocked(self, *rest)
+    def blocked(way):
+        def one(self, *rest):
+            calls["coverages"] += 1
+            return way(self, *rest)
+
+        return one
 
     psf_bank, add_convolved = field.psf_bank, layers.add_convolved
-    blocked = blurring.Blurring.coverage
     monkeypatch.setattr(field, "psf_bank", bank)
     monkeypatch.setattr(layers, "add_convolved", convolved)
-    monkeypatch.setattr(blurring.Blurring, "coverage", coverage)
+    for name in ("coverage", "slab"):
+        monkeypatch.setattr(blurring.Blurring, name, blocked(getattr(blurring.Blurring, name)))
     capture(view, CAMERA, plan.fidelity)
     return calls
 
