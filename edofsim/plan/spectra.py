@@ -165,8 +165,9 @@ class Spectra:
     def energy(self) -> Tensor:
         """sum of psf^2 of each channel, mean over depths, [channel]: how far independent noise averages."""
         nodes = self.nodes_of_light(NODES)
-        gathering = self.gathering(3, nodes)
-        otfs = self.otfs(self.full, gathering, nodes)
+        gathering, shares = self._some_bands()
+        light = shares @ self.spectrum
+        otfs = _mixed(light / light.sum(1, keepdim=True), self.otfs(self.full, gathering, nodes))
         each = torch.fft.irfft2(otfs, s=(self.tiles.side, self.tiles.side)).square().sum((-2, -1))
         return each.double().mean(0)
 

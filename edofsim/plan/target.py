@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from ..capture.sensor import noise_deviation
 from ..errors import InputError
-from .effect import Plan
+from .effect import Plan, decibels, overall
 from .facts import Facts
 
 WITHOUT_NOISE_DB = 50.0
@@ -25,7 +25,7 @@ LOG = logging.getLogger(__name__)
 class Target:
     """kind: `noise` (error below half of the sensor's noise), `db`, `full` or `time`.
     db, seconds: asked.
-    nearer_db: of `noise`, so much less error.
+    nearer_db: of `noise`, so much less error, as far as the rendering's noise lets that be seen.
     spent: of these seconds, those that are gone before the photo.
     """
 
@@ -46,7 +46,16 @@ class Target:
             return self.db
         noise = sensor_noise(facts)
         usual = -20 * math.log10(SHARE_OF_NOISE * noise) if noise else WITHOUT_NOISE_DB
-        return usual + self.nearer_db
+        return usual + self._nearer_db(facts)
+
+    def _nearer_db(self, facts: Facts) -> float:
+        """`nearer_db`, or less where the view's rendering left more noise than the sensor makes: what that
+        hides from the sensor's noise, it hides from a network."""
+        noise = sensor_noise(facts)
+        if not self.nearer_db or not noise:
+            return self.nearer_db
+        beyond = decibels(noise) - decibels(overall(facts.monte_carlo_noise))
+        return max(0.0, self.nearer_db - max(0.0, beyond))
 
     def sentence(self, facts: Facts) -> str:
         """In words."""
@@ -59,7 +68,8 @@ class Target:
             return f"{self.db:g} dB against the full simulation"
         noise = sensor_noise(facts)
         what = f"half of the sensor's noise, {noise:.2g}" if noise else "the sensor has no noise"
-        nearer = f", and {self.nearer_db:g} dB nearer for what is restored from it" if self.nearer_db else ""
+        more = self._nearer_db(facts)
+        nearer = f", and {more:.3g} dB nearer for what is restored from it" if more else ""
         return f"{self.asked_db(facts):.1f} dB against the full simulation ({what}{nearer})"
 
 

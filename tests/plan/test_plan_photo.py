@@ -40,6 +40,7 @@ from edofsim.plan.estimate import estimate
 from edofsim.plan.facts import facts_of, rms
 from edofsim.plan.photo import allowed_error
 from edofsim.plan.spectra import Spectra
+from edofsim.plan.target import sensor_noise
 from edofsim.plan.work import work_of
 from edofsim.recipe import CameraRecipe, load_camera, load_scene
 from edofsim.recipe.camera import PsfSettings, Sensor
@@ -355,6 +356,21 @@ def test_what_is_restored_takes_a_photo_that_is_nearer():
     assert parse_target(None, None) == Target() and parse_target(None, None, RESTORED) == RESTORED
     assert as_accurate(nearer, RESTORED) == Target()  # nothing is restored from the photo compared with
     assert as_accurate(nearer, Target("time", seconds=1.0)) == Target("db", db=nearer.error_db)
+
+
+@pytest.mark.parametrize(("louder_db", "nearer_db"), [(-1, 12), (5, 7), (20, 0)])
+def test_what_noise_of_the_rendering_hides_need_not_be_restored(louder_db: float, nearer_db: float):
+    """A photo of a rendering that is noisier than the sensor need be so much less accurate for a network, and
+    as accurate as by default at least."""
+    facts = planner("step").facts
+    whole = replace(facts, view=replace(facts.view, noise=1.0))
+    noise = sensor_noise(facts) / overall(whole.monte_carlo_noise) * 10 ** (louder_db / 20)
+    noisy = replace(facts, view=replace(facts.view, noise=noise))
+    usual = Target().asked_db(facts)
+    assert Target().asked_db(noisy) == usual and RESTORED.asked_db(facts) == pytest.approx(usual + 12)
+    assert RESTORED.asked_db(noisy) == pytest.approx(usual + nearer_db, abs=1e-6)
+    said = f"{nearer_db:.3g} dB nearer for what is restored"
+    assert (said in RESTORED.sentence(noisy)) == (nearer_db > 0)
 
 
 def test_a_target_is_an_accuracy_or_a_time():
