@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeAlias
@@ -27,10 +26,9 @@ ENCIRCLED_SHARE = 0.95
 
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
-MORE_NODES = 12
-"""This many are added, and again, until light between two of them is blurred right to about `FINE_DB`: a fast
-lens is sharp between two of few. Nodes of 2, 3, 4, 5, 7 and 13 layers stay among them."""
 FINE_DB = 35.0
+"""These are doubled until light between two of them is blurred right to about this many decibels: a fast lens
+is sharp between two of few."""
 MOST_FINE = 193
 
 MakeOtfs: TypeAlias = Callable[..., Tensor]
@@ -96,8 +94,11 @@ def fine_nodes_of(camera: Camera, view: View, ends: tuple[float, float]) -> int:
     """
     per_dioptre = defocus_per_dioptre(camera, float(view.wavelengths.min()))
     fine = torch.linspace(*ends, 2 * MOST_FINE, dtype=torch.float64)
-    more = min(depth_nodes(fine, "auto", per_dioptre, FINE_DB).numel(), MOST_FINE) - FINE_NODES
-    return FINE_NODES + MORE_NODES * max(0, math.ceil(more / MORE_NODES))
+    enough = depth_nodes(fine, "auto", per_dioptre, FINE_DB)
+    count = FINE_NODES
+    while count < min(enough.numel(), MOST_FINE):
+        count = 2 * count - 1
+    return count
 
 
 def reach_of(make: MakeOtfs, fidelity: Fidelity, gathering: Gathering, nodes: Tensor, window: int) -> int:

@@ -18,6 +18,8 @@ SHARE_OF_NOISE = 0.5
 RESTORED_DB = 12.0
 """How much nearer than `noise` a photo must be whose restored image is scored: it shifts that PSNR by less
 than 0.1 dB."""
+HIDDEN_DB = 24.0
+"""And how much nearer than the noise of the view's rendering at most: that hides errors from a network."""
 LOG = logging.getLogger(__name__)
 
 
@@ -44,18 +46,15 @@ class Target:
         """The photo's PSNR that is asked for; infinite for `full` and `time`."""
         if self.kind != "noise":
             return self.db
-        noise = sensor_noise(facts)
-        usual = -20 * math.log10(SHARE_OF_NOISE * noise) if noise else WITHOUT_NOISE_DB
-        return usual + self._nearer_db(facts)
+        usual = _usual_db(facts)
+        return usual + self._nearer_db(facts, usual)
 
-    def _nearer_db(self, facts: Facts) -> float:
-        """`nearer_db`, or less where the view's rendering left more noise than the sensor makes: what that
-        hides from the sensor's noise, it hides from a network."""
-        noise = sensor_noise(facts)
-        if not self.nearer_db or not noise:
-            return self.nearer_db
-        beyond = decibels(noise) - decibels(overall(facts.monte_carlo_noise))
-        return max(0.0, self.nearer_db - max(0.0, beyond))
+    def _nearer_db(self, facts: Facts, usual: float) -> float:
+        """`nearer_db`, or as much less as the rendering's noise hides."""
+        if not self.nearer_db:
+            return 0.0
+        hidden = decibels(overall(facts.monte_carlo_noise)) + HIDDEN_DB
+        return min(self.nearer_db, max(0.0, hidden - usual))
 
     def sentence(self, facts: Facts) -> str:
         """In words."""
@@ -68,7 +67,7 @@ class Target:
             return f"{self.db:g} dB against the full simulation"
         noise = sensor_noise(facts)
         what = f"half of the sensor's noise, {noise:.2g}" if noise else "the sensor has no noise"
-        more = self._nearer_db(facts)
+        more = self._nearer_db(facts, _usual_db(facts))
         nearer = f", and {more:.3g} dB nearer for what is restored from it" if more else ""
         return f"{self.asked_db(facts):.1f} dB against the full simulation ({what}{nearer})"
 
@@ -126,6 +125,12 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return 0.0
+
+
+def _usual_db(facts: Facts) -> float:
+    """What `noise` asks for."""
+    noise = sensor_noise(facts)
+    return -20 * math.log10(SHARE_OF_NOISE * noise) if noise else WITHOUT_NOISE_DB
 
 
 def sensor_noise(facts: Facts) -> float:
