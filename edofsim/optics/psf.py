@@ -111,20 +111,33 @@ def psf_bank(
         values = propagate(waves)[..., :pixels, :pixels]
     else:
         values = torch.empty(shape, dtype=dtype, device=where)
+        nodes = [nodes_for(camera, wavelength, inverse_depths, dtype) for wavelength in wavelengths.tolist()]
+        pieces = _pieces(list(map(len, nodes)))
+        # of bands in several pieces, PSFs at nodes: these are the same for any number of threads
+        held = {
+            band: values.new_empty(len(nodes[band]), pixels, pixels)
+            for band, part in pieces
+            if part.start > 0 and nodes[band] is not inverse_depths
+        }
+
+        def between(band: int, energy: Tensor) -> None:
+            per_dioptre = defocus_per_dioptre(camera, float(wavelengths[band]))
+            weights = band_limited_weights(inverse_depths, nodes[band], per_dioptre)
+            values[:, band] = torch.tensordot(weights.to(energy), energy, 1)
 
         def fill(piece: tuple[int, slice]) -> None:
-            band, depths = piece
-            asked = inverse_depths[depths]
-            nodes = nodes_for(camera, float(wavelengths[band]), asked, dtype)
-            wave = wave_at(camera, opening, float(wavelengths[band]), nodes, pixels, dtype, where)
+            band, part = piece
+            wave = wave_at(camera, opening, float(wavelengths[band]), nodes[band][part], pixels, dtype, where)
             energy = energies(wave)[:, :pixels, :pixels]
-            if nodes is not asked:
-                per_dioptre = defocus_per_dioptre(camera, float(wavelengths[band]))
-                weights = band_limited_weights(asked, nodes, per_dioptre)
-                energy = torch.tensordot(weights.to(energy), energy, 1)
-            values[depths, band] = energy
+            if nodes[band] is inverse_depths:
+                values[part, band] = energy
+            elif band in held:
+                held[band][part] = energy
+            else:
+                between(band, energy)
 
-        in_threads(fill, _pieces(*shape[:2]), where)
+        in_threads(fill, pieces, where)
+        in_threads(lambda band: between(band, held[band]), list(held), where)
     if key is not None:
         bank_cache.keep(key, values.cpu(), cache)
     return PsfField(values, inverse_depths, wavelengths)
@@ -289,11 +302,15 @@ def carries_gradients(camera: Camera) -> bool:
     return torch.is_grad_enabled() and any(one is not None and one.requires_grad for one in maps)
 
 
-def _pieces(depths: int, bands: int) -> list[tuple[int, slice]]:
-    """Bands, and where they are fewer than the threads, parts of their depths: enough pieces to share out."""
-    parts = min(depths, math.ceil(threads_allowed() / bands))
-    size = math.ceil(depths / parts)
-    return [(band, slice(start, start + size)) for band in range(bands) for start in range(0, depths, size)]
+def _pieces(depths: Sequence[int]) -> list[tuple[int, slice]]:
+    """Bands, and where they are fewer than the threads, parts of the depths that PSFs of each are computed
+    at: enough pieces to share out."""
+    parts = math.ceil(threads_allowed() / len(depths))
+    return [
+        (band, slice(start, min(start + math.ceil(count / parts), count)))
+        for band, count in enumerate(depths)
+        for start in range(0, count, math.ceil(count / parts))
+    ]
 
 
 def axes_of(
