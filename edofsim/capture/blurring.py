@@ -93,9 +93,8 @@ class Blurring:
         if self.between is None:
             both = torch.cat([view.radiance.index_select(1, which) * part, amount[None]])
             placed = light_of(view, self.psfs.inverse_depths, which, both)
-            shining, blocking = (
-                replace(placed, radiance=placed.radiance[rows]) for rows in (slice(-1), slice(-1, None))
-            )
+            shining = replace(placed, radiance=placed.radiance[:-1])
+            blocking = replace(placed, radiance=placed.radiance[-1:])
             return self._blurred(self._shines, shining, view), self._blurred(self._blocks, blocking, view)
         near = self._nearby(view, which)
         radiance = view.radiance.index_select(1, which) * part

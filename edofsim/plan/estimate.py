@@ -69,18 +69,8 @@ class Estimates:
     def _listed(self) -> list[list[float]]:
         return self.products.tolist()
 
-    @cached_property
-    def _totals(self) -> dict[tuple[int, ...], float]:
-        return {}
-
     def total(self, chosen: Mapping[str, int]) -> float:
         """Root mean square error of the photo with these levels of the effects."""
-        levels = tuple(chosen[row.effect.name] for row in self.rows)
-        if levels not in self._totals:
-            self._totals[levels] = self._total(chosen)
-        return self._totals[levels]
-
-    def _total(self, chosen: Mapping[str, int]) -> float:
         images: list[int] = []
         noise = bias = 0.0
         for row in self.rows:

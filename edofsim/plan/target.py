@@ -19,7 +19,8 @@ RESTORED_DB = 12.0
 """How much nearer than `noise` a photo must be whose restored image is scored: it shifts that PSNR by less
 than 0.1 dB."""
 HIDDEN_DB = 24.0
-"""And how much nearer than the noise of the view's rendering at most: that hides errors from a network."""
+"""How far below the noise of the view's rendering the error of such a photo must be at most: what is smaller,
+that noise hides."""
 LOG = logging.getLogger(__name__)
 
 
