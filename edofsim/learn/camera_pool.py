@@ -148,6 +148,7 @@ def _psfs(drawn: RandomCamera, window: int, inverse: Tensor) -> Tensor | None:
     try:
         if plan_sampling(drawn.camera, PAPER_COLOURS, inverse, window).samples > LARGEST_PUPIL:
             return None
-        return TrainingCamera(drawn.camera, window, torch.device("cpu")).psfs(inverse, drawn.broadband)
+        psf = TrainingCamera(drawn.camera, window, torch.device("cpu")).psfs(inverse, drawn.broadband)
+        return psf.sum(2) if drawn.broadband else psf
     except InputError:
         return None

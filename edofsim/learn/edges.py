@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..capture.planes import capture_planes, surroundings
+from ..capture.planes import capture_planes, surroundings, truncated_light
 from .system import Captured, captured
 from .training_camera import MIDDLE, TrainingCamera
 
@@ -63,7 +63,7 @@ class Edges:
         ideal = cover * sharp[near] + (1 - cover) * sharp[far]
         ideal = ideal[..., before : ideal.shape[-2] - after, before : ideal.shape[-1] - after]
         how = {"saturates": self.saturates, "broadband": self.broadband, "light": light}
-        return captured(clean, ideal, 1 - psf.sum((-1, -2)).mean(), psf, **how)
+        return captured(clean, ideal, truncated_light(psf).mean(), psf, **how)
 
     def reusing(self, psf: Tensor, broadband: bool) -> Edges:
         """With the PSFs of another photo, of ascending inverse depths.

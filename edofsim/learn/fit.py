@@ -12,6 +12,7 @@ from statistics import fmean
 import torch
 from torch import Tensor, nn
 
+from ..capture.planes import truncated_light
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
@@ -191,7 +192,7 @@ def evaluate(
         draw = Draw(scenes, torch.tensor([read_noise]), generator_of(seed, VALIDATION, index, 0))
         photos_seen = recorded(captured, draw, camera)
         for k, (photo, ideal) in enumerate(zip(photos_seen, captured.ideal, strict=True)):
-            lost = None if captured.psf is None else 1 - captured.psf[k].sum((-1, -2))
+            lost = None if captured.psf is None else truncated_light(captured.psf[k][None])[0]
             how = {"checkpoint": checkpoint, "truncated": lost}
             scores.append(score(restore(photo, camera, PAPER_COLOURS, depths, **how)[0], ideal))
             photos.append(score(photo, ideal))

@@ -48,7 +48,7 @@ class Photographs(TrainingReader):
 class NaturalImages(Photographs):
     """Photographs in a folder, each as a plane at one depth: the paper's training. 8-bit values are taken
     as intensities, as the paper does. In half of the steps with saturated highlights the photo is clipped at
-    full scale. In broadband steps each colour's light is the same in all wavelengths that it sees, a few of
+    full scale. In broadband steps light has the smoothest spectra of these colours, in a few wavelengths
     which are drawn anew in each step."""
 
     kind: Literal["natural"] = "natural"

@@ -10,7 +10,7 @@ from typing import Protocol
 import torch
 from torch import Tensor, nn
 
-from ..capture.planes import capture_planes, surroundings
+from ..capture.planes import capture_planes, surroundings, truncated_light
 from ..capture.sensor import Signal, sensor_effects
 from ..optics import Camera
 from ..restore.light import keep_light
@@ -22,8 +22,8 @@ from .training_camera import MIDDLE, TrainingCamera
 @dataclass(frozen=True)
 class Captured:
     """clean, ideal: [batch, 3, y, x], the photo without noise and what it should show. truncated: scalar, the
-    fraction of light that left the PSFs' window. psf: [batch, 3, window, window] where each scene has one
-    that others may have, too. broadband: whether the sensor saw all wavelengths through its response, in
+    fraction of light that left the PSFs' window. psf: of each scene, see `TrainingCamera.psfs`, where it has
+    one that others may have, too. broadband: whether the sensor saw all wavelengths through its response, in
     place of three lines. light: [batch], on the sensor over that on the axis, where it differs: photos are
     brought to the light of the axis, as `restore` does it, and their noise is as much larger. noisy: whether
     the photo has its noise already.
@@ -84,7 +84,7 @@ class Scenes(Protocol):
 class Planes:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch].
 
-    psf: those of an earlier photo, [batch, 3, window, window], in place of the depths.
+    psf: those of an earlier photo, see `TrainingCamera.psfs`, in place of the depths.
     mean: of the pictures that the patches are from, [batch, 3], None for the patches' own.
     saturates: whether the photo is clipped at full scale.
     broadband: see `Captured`.
@@ -113,7 +113,7 @@ class Planes:
         before, after = surroundings(optics.window)
         ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
         mean = None if self.mean is None else self.mean.to(optics.device)
-        truncated = 1 - psf.sum((-1, -2)).mean()
+        truncated = truncated_light(psf).mean()
         how = {"saturates": self.saturates, "broadband": self.broadband, "light": light}
         return captured(capture_planes(sharp, psf, mean), ideal, truncated, psf, **how)
 
@@ -269,7 +269,14 @@ class System(nn.Module):
         depths = self.network.psf_depths(self.depth_range)
         maps = maps_of(self.mask)
         noise = 0.0 if maps.height is None else self.height_noise
-        return self.optics.with_mask(maps).psfs(depths, broadband, noise)
+        return self.as_wanted(self.optics.with_mask(maps).psfs(depths, broadband, noise))
+
+    def as_wanted(self, psf: Tensor) -> Tensor:
+        """PSFs as the network wants them: by colour or, of white, by channel.
+
+        psf: [depth, 3, window, window] or [depth, channel, colour, window, window].
+        """
+        return psf.sum(2) if psf.ndim == 5 and not self.network.colour_psfs else psf
 
     def select_psfs(self, broadband: bool) -> None:
         """Condition the network on the light that the sensor sees, where some of it is broadband. What is

@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError
-from ..optics import PAPER_COLOURS, Camera, channel_psfs, mean_psfs, response_curves
+from ..optics import PAPER_COLOURS, Camera, channel_psfs, mean_psfs, response, response_curves
 from ..optics.field import relative_light
 from ..optics.sampling import coarsest_pitch
+from ..restore.photograph_statistics import colour_weights
 from .doe import MaskMaps
 
 WAVELENGTHS = 8
@@ -75,9 +76,9 @@ class TrainingCamera:
         places: Tensor | None = None,
         shift: float = MIDDLE,
     ) -> tuple[Tensor, Tensor | None]:
-        """PSFs [plane, 3, window, window] of planes, each at its inverse depth [plane] and its place in the
-        frame [plane, 2] (right, up, in pixels from the optical axis; None: all on it); and the light there
-        [plane] over that on the axis, None where it is the same everywhere.
+        """PSFs of planes, one each as of `psfs`, at its inverse depth [plane] and its place in the frame
+        [plane, 2] (right, up, in pixels from the optical axis; None: all on it); and the light there [plane]
+        over that on the axis, None where it is the same everywhere.
 
         inverse_depths: [plane], 1/m.
         places: [plane, 2] (right, up), pixels from the optical axis; None for the axis.
@@ -100,10 +101,11 @@ class TrainingCamera:
         height_noise: float = 0.0,
         shift: float = MIDDLE,
     ) -> Tensor:
-        """PSFs of the three colours, float32 [depth, 3, window, window].
+        """PSFs of the three colours, float32 [depth, 3, window, window]; in broadband light, where a channel
+        sees something of all colours, [depth, channel, colour, window, window] for the smoothest spectra.
 
         inverse_depths: [depth], 1/m.
-        broadband: whether a colour is a few wavelengths, added up by the sensor's response, or a line.
+        broadband: whether light is a few wavelengths, added up by the sensor's response, or three lines.
         height_noise: of the mask's samples, metres; the PSFs are then the mean, see `optics.mean_psfs`.
         shift: of the few wavelengths, as a part of their distance, 0 to 1.
 
@@ -119,14 +121,10 @@ class TrainingCamera:
             raise InputError("sensor.response: three lines have no other light; name a tabulated response")
         first, last = curves[0][0], curves[0][-1]
         wavelengths = first + (last - first) * (torch.arange(WAVELENGTHS) + shift) / WAVELENGTHS
-        return channel_psfs(
-            self._sampled(wavelengths, inverse_depths),
-            wavelengths,
-            inverse_depths,
-            height_noise=height_noise,
-            window_px=self.window,
-            device=self.device,
-        )
+        camera = self._sampled(wavelengths, inverse_depths)
+        weights = colour_weights(wavelengths, response(camera, wavelengths))
+        how = {"height_noise": height_noise, "window_px": self.window, "device": self.device}
+        return channel_psfs(camera, wavelengths, inverse_depths, weights=weights, **how).unflatten(1, (3, 3))
 
     def _sampled(self, wavelengths: Tensor, inverse_depths: Tensor) -> Camera:
         """The camera with its pupil sampled as finely as the shortest of wavelengths asks for."""

@@ -42,6 +42,13 @@ class Workers:
         if self.count == 1:
             return system
         ids = [self.device.index] if self.device.type == "cuda" else None
+        # each process sets what follows from PSFs by itself, in the light of its own photos
+        own = [
+            f"{place}.{name}"
+            for place, module in system.named_modules()
+            for name in getattr(module, "psf_buffers", ())
+        ]
+        DistributedDataParallel._set_params_and_buffers_to_ignore_for_model(system, own)
         return DistributedDataParallel(system, device_ids=ids, find_unused_parameters=partly)
 
     def agree(self, value: float) -> float:

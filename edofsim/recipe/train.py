@@ -43,6 +43,11 @@ class DoeTable(RecipeModel):
     """whether the mask learns: height maps, Zernike and Fourier terms and rings can"""
     design_steps: Annotated[int, Field(ge=0)] = 0
     """steps on the mask alone before the training, towards the best linear restoration"""
+    design_broadband: bool = False
+    """whether these see all wavelengths, in place of three lines"""
+    design_wanted_db: tuple[tuple[NotNegative, float], ...] = ()
+    """pairs of an inverse depth, 1/m, and the PSNR that they want there, dB, ascending: the depths that lack
+    most count most; without pairs the mean does"""
     start: str | None = None
     """checkpoint whose height map replaces the recipe's"""
     learning_rate_rad: NotNegative = 5e-3

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from .photograph_statistics import COLOUR_CORRELATION, power_spectrum
+from .photograph_statistics import colour_spectra, power_spectrum
 
 BLOCK = 32  # pixels across
 STEP = 16  # pixels from block to block
@@ -35,19 +35,16 @@ def block_transfer(transfer: Tensor) -> Tensor:
 def explain(transfer: Tensor, between: int = 1) -> tuple[Tensor, Tensor]:
     """(matrix [contrast * depth, feature], constant [contrast, depth]) that `log_likelihood` needs.
 
-    transfer: complex [depth * between, 3, BLOCK, BLOCK // 2 + 1], see `block_transfer`; this many neighbours
-        stand for one distance, and their covariance is the mean.
+    transfer: complex [depth * between, 3, BLOCK, BLOCK // 2 + 1], see `block_transfer`, or of three colours
+        in each channel; this many neighbours stand for one distance, and their covariance is the mean.
 
     The likelihood's exponent is a sum over frequencies of the inverse covariance times the cross-spectra of
     the colours: a product of a matrix with the features of a block.
     """
     used = _used(transfer.device)
-    alike = torch.tensor(COLOUR_CORRELATION, dtype=torch.float64, device=transfer.device)
-    seen = transfer[..., used].to(torch.complex128)
-    signal = torch.einsum("daf,dbf->dfab", seen, seen.conj()) * alike
-    signal = signal.unflatten(0, (-1, between)).mean(1)
-    signal = signal * power_spectrum(BLOCK, alike)[used][:, None, None]
     noise = torch.eye(3, dtype=torch.float64, device=transfer.device)
+    signal = colour_spectra(transfer.to(torch.complex128))[0] * power_spectrum(BLOCK, noise)
+    signal = signal[..., used].movedim(-1, 1).unflatten(0, (-1, between)).mean(1)
     covariance = torch.stack([contrast * signal + noise for contrast in CONTRASTS])
     inverse = torch.linalg.inv(covariance)
     matrix = _real(inverse, twice=True).flatten(2).flatten(0, 1)

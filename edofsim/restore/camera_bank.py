@@ -111,8 +111,9 @@ class CameraBank(FilterBank):
             raise InputError(
                 f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}{more}"
             )
+        own = {name: value for name, value in network.settings().items() if name != "colour_psfs"}
         # pyrefly: ignore[bad-argument-type] - those of its own class
-        found = cls(**{**network.settings(), **(settings or {})})
+        found = cls(**{**own, **(settings or {})})
         found.trunk.load_state_dict(found.trunk.grown(network.trunk))
         found.belief.data.copy_(network.belief)
         return found

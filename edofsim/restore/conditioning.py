@@ -25,12 +25,13 @@ from ..recipe.train import TrainRecipe
 from . import kept_state
 from .checkpoint import Checkpoint, recipe_with_mask, trained_camera
 from .depths import closer_about_focus
+from .photograph_statistics import colour_weights
 from .restorer import Restorer
 
 WIDEST_PX = 512
 """Of PSFs for the network for any camera: more would fill the memory."""
 ENOUGH = 10
-"""Bands: of more, neighbours are taken together."""
+"""Bands: of more, neighbours are taken together, but for a network that sees by colour."""
 
 # by the network of the checkpoint: computing one takes seconds, and scenes come with the same bands
 _CONDITIONED: WeakKeyDictionary[Restorer, dict[tuple[object, ...], Restorer]] = WeakKeyDictionary()
@@ -65,7 +66,11 @@ def conditioned_on(
     if key not in known:
         conditioned = copy.deepcopy(network).cpu()
         depths = network.psf_depths(_training(checkpoint).capture.inverse_depth_per_m)
-        _set_psfs(conditioned, checkpoint, camera, *_enough(wavelengths, weights), depths)
+        if network.colour_psfs:
+            seen = wavelengths.double().cpu(), colour_weights(wavelengths, weights)
+        else:
+            seen = _enough(wavelengths, weights)
+        _set_psfs(conditioned, checkpoint, camera, *seen, depths)
         known[key] = conditioned
     return known[key]
 
@@ -136,7 +141,12 @@ def _set_psfs(
         error = _training(checkpoint).doe.height_noise_nm * 1e-9
     how = {"weights": weights, "height_noise": error, "window_px": window}
     axes = (wavelengths, weights, inverse, torch.tensor([error, window], dtype=torch.float64))
-    kept_state.set_psfs(network, own, axes, lambda: channel_psfs(own, wavelengths, inverse, **how))
+    channels = (3, 3) if network.colour_psfs else (3,)
+
+    def psfs() -> Tensor:
+        return channel_psfs(own, wavelengths, inverse, **how).unflatten(1, channels)
+
+    kept_state.set_psfs(network, own, axes, psfs)
 
 
 def _training(checkpoint: Checkpoint) -> TrainRecipe:

@@ -47,15 +47,17 @@ class DepthConditioned(Restorer):
 
     @torch.no_grad()
     def set_distances(self, psf: Tensor) -> None:
-        """psf: [depths, 3, y, x] at the `psf_depths` of a range."""
+        """psf: [depths, 3, y, x] at the `psf_depths` of a range, or [depths, channel, colour, y, x]."""
         size = BLOCK * -(-psf.shape[-1] // BLOCK)
         transfer = block_transfer(transfer_functions(psf, size))
         # a new one: others may still hold the old
-        self.transfer = torch.view_as_real(transfer).flatten(0, 1).to(self.transfer)
+        self.transfer = torch.view_as_real(transfer).flatten(0, -4).to(self.transfer)
         self._explain()
 
     def _explain(self) -> None:
-        transfer = torch.view_as_complex(self.transfer.float().contiguous()).unflatten(0, (self.depths, 3))
+        transfer = torch.view_as_complex(self.transfer.float().contiguous())
+        colours = len(transfer) // (3 * self.depths)
+        transfer = transfer.unflatten(0, (self.depths, 3) if colours == 1 else (self.depths, 3, 3))
         self._matrix, self._constant = explain(transfer)
 
     def depth_probability(self, photo: Tensor, belief: tuple[Tensor, Tensor] | tuple[float, float]) -> Tensor:

@@ -17,12 +17,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ..errors import InputError
+from ..errors import InputError, first_line
 from .blur_likelihood import STEP
 from .borders import continued
 from .dcnn import DCnn
 from .distances import DepthConditioned
-from .linear import colour_error, local_filters
+from .linear import local_error, local_filters
 from .local_unet import Trunk
 from .restorer import Restorer
 
@@ -31,6 +31,9 @@ BEYOND = 0.25
 
 BRIGHTEST = 100.0
 """Times full scale: a transform would spread the rounding of a brighter pixel over all of the photo."""
+
+DESIGNED_PX = 19
+"""Pixels across, at most, of the filters that a mask is designed for: the time grows with the sixth power."""
 
 TILE = 120
 """Pixels across of what a filter is applied to at a time, or four times its support where that is more."""
@@ -47,6 +50,7 @@ class FilterBank(DepthConditioned):
     support: width of the filters in pixels, odd.
     distances: this many for each filter are given apart.
     width, blocks, kernel: of the U-Net, see `LocalUNet`.
+    colour_psfs: whether filters and distances follow from what each channel sees of each colour.
     dcnn: settings of the auxiliary `DCnn`, which is not trained with it; None for none. Untaught, it returns
         the photo.
 
@@ -66,11 +70,12 @@ class FilterBank(DepthConditioned):
         blocks: tuple[int, ...] = (1, 2, 2),
         kernel: int = 5,
         dcnn: Mapping[str, object] | None = None,
+        colour_psfs: bool = False,
     ) -> None:
         super().__init__()
         if groups < 1 or distances < 1 or support < 1 or support % 2 == 0:
             raise ValueError(f"{groups} groups, {distances} distances, {support} pixels: at least 1, and odd")
-        self.groups, self.support = groups, support
+        self.groups, self.support, self.colour_psfs = groups, support, colour_psfs
         self.belief = nn.Parameter(torch.tensor(BELIEF).log())
         # pyrefly: ignore[bad-argument-type] - those of its own class
         self.dcnn = None if dcnn is None else DCnn(**dcnn).eval().requires_grad_(False)
@@ -98,7 +103,25 @@ class FilterBank(DepthConditioned):
     def settings(self) -> dict[str, object]:
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
         dcnn = {} if self.dcnn is None else {"dcnn": self.dcnn.settings()}
-        return {**own, **self.trunk.settings(), **dcnn}
+        colours = {"colour_psfs": True} if self.colour_psfs else {}
+        return {**own, **self.trunk.settings(), **dcnn, **colours}
+
+    @classmethod
+    def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> FilterBank:
+        """One with the U-Net of another bank, and more blocks or wider filters than that, which at first are
+        the identity and not solved for. An auxiliary network is not taken along: it knows one mask. Raises
+        InputError for another network, and where the U-Nets do not fit."""
+        if not isinstance(network, FilterBank):
+            raise InputError(f"a {cls.kind!r} grows out of another one, not out of a {network.kind!r}")
+        without = {name: value for name, value in network.settings().items() if name != "dcnn"}
+        try:
+            # pyrefly: ignore[bad-argument-type] - those of its own class
+            found = cls(**{**without, **(settings or {})})
+            found.trunk.load_state_dict(found.trunk.grown(network.trunk))
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise InputError(f"it does not fit: {first_line(error)}") from None
+        found.belief.data.copy_(network.belief)
+        return found
 
     def with_auxiliary(self, network: Restorer) -> Self:
         """The same with a copy of a D-CNN as auxiliary network. Until it is trained, it gives the mean of
@@ -139,12 +162,13 @@ class FilterBank(DepthConditioned):
             self.dcnn.load_psf_state(of_dcnn)
 
     def linear_error(self, psf: Tensor, filters: int) -> Tensor:
-        return colour_error(psf, groups=filters)
+        return local_error(psf, support=min(self.support, DESIGNED_PX), groups=filters)
 
     @torch.no_grad()
     def set_filters(self, filters: Tensor, psf: Tensor) -> None:
         """filters: [groups, 3 out, 3 in, support, support], as a convolution of torch takes them.
-        psf: [depths, 3, y, x] at the `psf_depths` of a range, of which each filter takes as many in turn.
+        psf: [depths, 3, y, x] or [depths, channel, colour, y, x], at the `psf_depths` of a range; each filter
+            is for as many of them, in turn.
         """
         self.filters = filters.flatten(0, 1).to(self.filters)  # new ones: others may still hold the old
         self.set_distances(psf)

@@ -6,20 +6,23 @@ network is noise for the most part. Three filters stand for three kinds of resto
 
 `wiener_error` for Wiener deconvolution, which sees the whole photo and each colour alone;
 
-`local_error` for a convolutional network, which sees a few pixels around each, but all colours: the edges of
-photographs are nearly the same in all, so that what one colour has lost can be had from another that is
-sharp at that depth. With its PSNR that of a trained D-CNN rises and falls over depth;
+`local_error` for a convolutional network or a bank of filters, which see some pixels around each, but all
+colours: the edges of photographs are nearly the same in all, so that what one colour has lost can be had from
+another that is sharp at that depth. With its PSNR that of a trained D-CNN rises and falls over depth;
 
-`colour_error` for a bank of filters, which knows the depth and sees all colours and the whole photo.
+`colour_error` for a filter that sees all colours and the whole photo: less than it leaves, no filter can. A
+mask that is designed for it wants wider filters than any bank's.
 """
 
 from __future__ import annotations
+
+from functools import reduce
 
 import torch
 from scipy.fft import next_fast_len
 from torch import Tensor
 
-from .photograph_statistics import COLOUR_CORRELATION, power_spectrum, transfer_functions
+from .photograph_statistics import colour_spectra, power_spectrum, transfer_functions
 
 NOISE = 0.006  # read noise, below the middle of the training's range
 SUPPORT = 9
@@ -62,11 +65,12 @@ def colour_error(psf: Tensor, noise: float = NOISE, groups: int = 1) -> Tensor:
     # no filter is cut off: a period as long as the PSFs will do
     size = _length(psf.shape[-1])
     # in double precision: in coarse details the scene is 1e7 times as strong as the noise
-    transfer = transfer_functions(psf, size).to(torch.complex128).movedim(1, -1)
+    transfer = transfer_functions(psf, size).to(torch.complex128)
     spectrum = power_spectrum(size, psf.double())
-    scene = spectrum[..., None, None] * torch.tensor(COLOUR_CORRELATION).to(spectrum)
-    with_sharp = scene * transfer.conj()[..., None, :]
-    covariance = transfer[..., :, None] * with_sharp + noise**2 * torch.eye(3).to(spectrum)
+    covariance, with_sharp = (
+        (each * spectrum).movedim((1, 2), (-2, -1)) for each in colour_spectra(transfer)
+    )
+    covariance = covariance + noise**2 * torch.eye(3).to(spectrum)
 
     def grouped(values: Tensor) -> Tensor:
         return values.unflatten(0, (groups, -1)).mean(1)
@@ -101,7 +105,7 @@ def local_error(psf: Tensor, noise: float = NOISE, support: int = SUPPORT, group
     """
     size = _length(2 * psf.shape[-1])
     transfer, spectrum = transfer_functions(psf, size), power_spectrum(size, psf)
-    covariance, with_sharp = _covariances(transfer, spectrum, size, support, noise)
+    covariance, with_sharp = _placed(*colour_spectra(transfer), spectrum, size, support, noise)
     grouped = covariance.unflatten(0, (groups, -1)).mean(1), with_sharp.unflatten(0, (groups, -1)).mean(1)
     filters = _solve(*grouped).repeat_interleave(len(psf) // groups, 0)
     variance = torch.fft.irfft2(spectrum.to(transfer.dtype), s=(size, size))[0, 0]
@@ -131,36 +135,28 @@ def _solve(covariance: Tensor, with_sharp: Tensor) -> Tensor:
     return torch.cholesky_solve(with_sharp.transpose(-1, -2), factor).transpose(-1, -2)
 
 
-def _covariances(
-    transfer: Tensor, spectrum: Tensor, size: int, support: int, noise: float
-) -> tuple[Tensor, Tensor]:
-    """(R [depth, n, n], X [depth, channel, n]) of the n = channel * support^2 pixels that a filter sees."""
-    pairs = transfer[:, :, None] * transfer[:, None].conj()
-    return _placed(pairs, transfer, spectrum, size, support, noise)
-
-
 def _mean_covariance(
     transfer: Tensor, spectrum: Tensor, size: int, support: int, noise: float
 ) -> tuple[Tensor, Tensor]:
-    """The same, mean over depths, [n, n] and [channel, n]."""
-    pairs = torch.einsum("dayx,dbyx->abyx", transfer, transfer.conj()) / len(transfer)
-    covariance, with_sharp = _placed(
-        pairs[None], transfer.mean(0, keepdim=True), spectrum, size, support, noise
-    )
+    """Means over depths of R [n, n] and X [channel, n], of the n = channel * support^2 pixels that a filter
+    sees."""
+    pairs, seen = zip(*(colour_spectra(each) for each in transfer.split(1)), strict=True)
+    means = [reduce(torch.add, each) / len(transfer) for each in (pairs, seen)]
+    covariance, with_sharp = _placed(means[0], means[1], spectrum, size, support, noise)
     return covariance[0], with_sharp[0]
 
 
 def _placed(
-    pairs: Tensor, transfer: Tensor, spectrum: Tensor, size: int, support: int, noise: float
+    pairs: Tensor, with_sharp: Tensor, spectrum: Tensor, size: int, support: int, noise: float
 ) -> tuple[Tensor, Tensor]:
-    """Spectra [depth, channel, channel, y, x // 2 + 1] to covariances between the pixels of a filter."""
-    depths, channels = transfer.shape[:2]
-    place = torch.arange(1 - support, support, device=transfer.device)
-    alike = torch.tensor(COLOUR_CORRELATION).to(spectrum)
-    covariance = transfer.real.new_empty(depths, channels, support**2, channels, support**2)
+    """Cross-spectra, see `colour_spectra`, to covariances between the pixels of a filter, [depth, n, n], and
+    of theirs with the pixel to be restored, [depth, channel, n]."""
+    depths, channels = pairs.shape[:2]
+    place = torch.arange(1 - support, support, device=pairs.device)
+    covariance = pairs.real.new_empty(depths, channels, support**2, channels, support**2)
     for first in range(channels):
         for second in range(first, channels):
-            both = pairs[:, first, second] * (spectrum * alike[first, second])
+            both = pairs[:, first, second] * spectrum
             shifted = torch.fft.irfft2(both, s=(size, size))[:, place % size][:, :, place % size]
             # [depth, y, x, other y, other x] at the difference of both places
             block = shifted.unfold(1, support, 1).unfold(2, support, 1).flip(-1, -2)
@@ -169,6 +165,5 @@ def _placed(
     covariance = covariance.flatten(3).flatten(1, 2)
     covariance.diagonal(dim1=-2, dim2=-1).add_(noise**2)
     around = (place[support - 1 :] - support // 2) % size
-    seen = torch.fft.irfft2(transfer * spectrum, s=(size, size))[..., around, :][..., around]
-    with_sharp = (alike[:, :, None] * seen.reshape(depths, 1, channels, -1)).reshape(depths, channels, -1)
-    return covariance, with_sharp
+    seen = torch.fft.irfft2(with_sharp.conj() * spectrum, s=(size, size))[..., around, :][..., around]
+    return covariance, seen.reshape(depths, channels, -1)

@@ -97,20 +97,20 @@ class Trunk(nn.Module):
         return {"width": self.width, "blocks": list(self.blocks), "kernel": self.kernel}
 
     def grown(self, other: Trunk) -> dict[str, Tensor]:
-        """Weights that make it give what another one does that has fewer images, maps and outputs, the first
-        of its own; what the other does not have counts for nothing, and is zero."""
-        weights = other.state_dict()
-        first, images = weights["first.weight"], 4 * other.inputs
+        """Weights that make it give what another one does, of the images, maps and outputs that both have,
+        the first ones; what the other does not have is zero, and blocks of its own hand on what they get."""
+        weights, found = other.state_dict(), self.state_dict()
+        first, images = weights["first.weight"], 4 * min(self.inputs, other.inputs)
         wider = torch.zeros_like(self.first.weight)
         wider[:, :images] = first[:, :images]
-        maps, count = 4 * self.inputs, first.shape[1] - images
-        wider[:, maps : maps + count] = first[:, images:]
-        found = {**weights, "first.weight": wider}
-        for name, own in (("last.weight", self.last.weight), ("last.bias", self.last.bias)):
-            assert own is not None
-            found[name] = torch.zeros_like(own)
-            found[name][: len(weights[name])] = weights[name]
-        return found
+        maps, theirs = 4 * self.inputs, 4 * other.inputs
+        wider[:, maps : maps + first.shape[1] - theirs] = first[:, theirs:]
+        for name in ("last.weight", "last.bias"):
+            both = torch.zeros_like(found[name])
+            count = min(len(both), len(weights[name]))
+            both[:count] = weights[name][:count]
+            weights[name] = both
+        return {**found, **weights, "first.weight": wider}
 
     def forward(self, images: Tensor, side: Tensor | None = None) -> Tensor:
         """images: [batch, inputs, y, x].

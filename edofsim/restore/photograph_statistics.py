@@ -1,4 +1,5 @@
-"""What photographs have in common: how strong their details are, and how alike in all colours.
+"""What photographs have in common: how strong their details are, how alike in all colours, and that spectra
+are smooth.
 
 Linear filters, and the likelihood of a blur, need no more than these second moments. Measured on the
 photographs of BSDS500's training part and of Sun and Hays, 8-bit values taken as intensities.
@@ -30,9 +31,9 @@ def power_spectrum(size: int, like: Tensor) -> Tensor:
 
 
 def transfer_functions(psf: Tensor, size: int) -> Tensor:
-    """Transfer functions of PSFs, [depth, channel, size, size // 2 + 1].
+    """Transfer functions of PSFs, [depth, channel, size, size // 2 + 1], or with `colour` as they have it.
 
-    psf: [depth, channel, y, x].
+    psf: [depth, channel, y, x], or of what each channel sees of each colour, [depth, channel, colour, y, x].
     size: period in pixels, at least the PSFs'.
 
     Light beyond the PSFs' window is veiling glare, the same all over a photo: its mean passes whole.
@@ -42,4 +43,48 @@ def transfer_functions(psf: Tensor, size: int) -> Tensor:
     transfer = torch.fft.rfft2(torch.roll(padded, (-(window // 2), -(window // 2)), (-2, -1)))
     mean = torch.zeros(transfer.shape[-2:], dtype=torch.bool, device=psf.device)
     mean[0, 0] = True
-    return torch.where(mean, torch.ones((), dtype=transfer.dtype, device=psf.device), transfer)
+    whole = torch.ones(1) if psf.ndim == 4 else torch.eye(psf.shape[1])
+    return torch.where(mean, whole.to(transfer)[..., None, None], transfer)
+
+
+def smoothest_spectra(wavelengths: Tensor, weights: Tensor) -> Tensor:
+    """Linear map [band, channel] from what the channels see to the spectrum that changes least from band to
+    band: what has no colour is even, and a blue's light grows less towards red.
+
+    wavelengths: [band], ascending or descending, in any unit.
+    weights: [channel, band], the sum of each channel 1.
+    """
+    bands, channels = len(wavelengths), len(weights)
+    steps = wavelengths.double().diff().abs()
+    change = torch.eye(bands, dtype=torch.float64).diff(dim=0) / (steps / steps.mean()).sqrt()[:, None]
+    seen = weights.double()
+    # of spectra with these colours, by Lagrange's multipliers; channels that see alike have no inverse
+    system = torch.zeros(bands + channels, bands + channels, dtype=torch.float64)
+    system[:bands, :bands] = change.mT @ change
+    system[:bands, bands:], system[bands:, :bands] = seen.mT, seen
+    return torch.linalg.pinv(system, hermitian=True)[:bands, bands:]
+
+
+def colour_weights(wavelengths: Tensor, weights: Tensor) -> Tensor:
+    """What each channel sees of each colour at each band, [channel * colour, band], where spectra are the
+    smoothest: weights of PSFs [depth, channel * colour, y, x].
+
+    wavelengths: [band].
+    weights: [channel, band], the sum of each channel 1.
+    """
+    spectra = smoothest_spectra(wavelengths, weights)
+    return (weights[:, None] * spectra.mT.to(weights)).flatten(0, 1)
+
+
+def colour_spectra(transfer: Tensor) -> tuple[Tensor, Tensor]:
+    """Cross-spectra over the power spectrum of photographs: of a photo's channels, [depth, channel, channel,
+    y, x], and of the scene's colours with them, [depth, colour, channel, y, x].
+
+    transfer: complex [depth, channel, y, x] or [depth, channel, colour, y, x], of `transfer_functions`.
+    """
+    alike = torch.tensor(COLOUR_CORRELATION).to(transfer)
+    if transfer.ndim == 4:
+        alike = alike[..., None, None]
+        return transfer[:, :, None] * transfer[:, None].conj() * alike, transfer[:, None].conj() * alike
+    seen = torch.einsum("ce,daeyx->dcayx", alike, transfer.conj())
+    return torch.einsum("dacyx,dcbyx->dabyx", transfer, seen), seen

@@ -25,6 +25,7 @@ class Restorer(nn.Module):
         step of a training, those of the mask as it is then, so that gradients reach the mask through them;
         the last ones are kept.
 
+    colour_psfs: whether it wants, of broadband light, what each channel sees of each colour (`set_psfs`).
     psf_buffers: names of its buffers that `set_psfs` fills.
 
     glare: of each colour, the part of the light that was spread evenly over the photos that it was trained
@@ -37,6 +38,7 @@ class Restorer(nn.Module):
 
     kind: ClassVar[str]
     psfs: Literal["none", "mean", "designed"] = "none"
+    colour_psfs: bool = False
     psf_buffers: ClassVar[tuple[str, ...]] = ()
     any_camera: ClassVar[bool] = False
     sees_linear: bool = False
@@ -63,9 +65,9 @@ class Restorer(nn.Module):
         raise NotImplementedError
 
     def set_psfs(self, psf: Tensor) -> None:
-        """Give it the PSFs [depth, 3, y, x] at `psf_depths`, to keep in its checkpoint.
+        """Give it the PSFs at `psf_depths`, to keep in its checkpoint.
 
-        psf: [depth, 3, y, x].
+        psf: [depth, 3, y, x]; with `colour_psfs` also [depth, channel, colour, y, x].
         """
         raise NotImplementedError
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+import tomli_w
 import torch
 
 from edofsim.errors import InputError
@@ -27,6 +31,7 @@ from edofsim.recipe.load import Loaded
 from edofsim.recipe.train import TrainRecipe
 from edofsim.render.view import View
 from edofsim.restore.checkpoint import load_checkpoint
+from edofsim.restore.photograph_statistics import smoothest_spectra
 
 WORKERS = Workers(0, 1, torch.device("cpu"))
 SMALL = {"groups": 4, "distances": 1, "support": 9, "width": 4, "blocks": [1, 1]}
@@ -41,7 +46,7 @@ def _loaded(broadband: float, steps: int = 2, share: int = 1, **network: object)
             "mask": {"kind": "height-map"},
             "psf": {"window_px": 32, "pupil_sampling_um": 21.0},
             "capture": {"inverse_depth_per_m": [1.0, 1.4]},
-            "network": {"kind": "filter-bank", "settings": SMALL, **network},
+            "network": {"kind": "filter-bank", "settings": SMALL} | network,
             "doe": {"learning_rate_rad": 0.0},
             "data": {
                 "patch_px": 48,
@@ -63,7 +68,8 @@ def _photo_of(setup: Setup, broadband: bool) -> Draw:
 
 
 def test_a_broadband_psf_is_the_sum_over_wavelengths_by_the_response() -> None:
-    """Against single PSFs, added up one by one; a pupil too coarse for the shortest wavelength is refined."""
+    """Against single PSFs, added up one by one; a pupil too coarse for the shortest wavelength is refined.
+    What the channels see of each colour is that of its own spectrum, and of white all of it."""
     recipe = CameraRecipe(
         name="c", mask={"kind": "height-map"}, psf={"window_px": 32, "pupil_sampling_um": 21.0}
     )
@@ -76,18 +82,24 @@ def test_a_broadband_psf_is_the_sum_over_wavelengths_by_the_response() -> None:
     ends = curves[0][[0, -1]]
     wavelengths = ends[0] + (ends[1] - ends[0]) * (torch.arange(8) + 0.5) / 8
     expected = torch.zeros_like(found)
-    for wavelength, weights in zip(wavelengths, response(camera, wavelengths).T, strict=True):
+    every = response(camera, wavelengths)
+    spectra = smoothest_spectra(wavelengths, every)
+    for wavelength, weights, spectrum in zip(wavelengths, every.T, spectra, strict=True):
         for index, depth in enumerate(depths):
             psf = psf_bank(camera, wavelength[None], depth[None], window_px=32).values[0, 0]
-            expected[index] += weights[:, None, None].to(psf) * psf
+            expected[index] += torch.outer(weights, spectrum)[..., None, None].to(psf) * psf
     torch.testing.assert_close(found, expected, rtol=0, atol=2e-5)
     lines = optics.psfs(depths)
-    assert (found - lines).abs().sum((-1, -2)).min() > 0.05  # no line stands for all of them
+    assert (found.sum(2) - lines).abs().sum((-1, -2)).min() > 0.05  # no line stands for all of them
+    assert (found[:, 1, 2].abs().sum((-1, -2)) > 0.05).all()  # green sees light of what is blue
 
 
-def test_a_bank_is_told_the_light_that_the_sensor_sees() -> None:
-    """Of each kind of light its own filters, those of lines for the checkpoint, whatever came last."""
-    setup = prepare(_loaded(0.5), None, WORKERS)
+@pytest.mark.parametrize("by_colour", [False, True])
+def test_a_bank_is_told_the_light_that_the_sensor_sees(by_colour: bool) -> None:
+    """Of each kind of light its own filters, those of lines for the checkpoint, whatever came last; by colour
+    where it wants that."""
+    settings = {**SMALL, "colour_psfs": by_colour}
+    setup = prepare(_loaded(0.5, settings=settings), None, WORKERS)
     system, network = setup.system, setup.system.network
     system.set_initial_psfs(0.005)
     lines = network.filters.clone()
@@ -100,7 +112,7 @@ def test_a_bank_is_told_the_light_that_the_sensor_sees() -> None:
         expected = system.optics.with_mask(MaskMaps(system.mask())).psfs(
             network.psf_depths(system.depth_range), True, system.height_noise
         )
-        network.set_psfs(expected)
+        network.set_psfs(expected if by_colour else expected.sum(2))
         assert torch.equal(network.filters, kept)
     system.store_final_psfs()
     assert torch.equal(network.filters, lines)
@@ -160,6 +172,22 @@ def test_a_broadband_training_resumes_to_the_same_bytes(tmp_path: Path) -> None:
     resumed = train(loaded, tmp_path / "stopped", resume=True)
     first, second = (load_checkpoint(each.checkpoint).network.state_dict() for each in (straight, resumed))
     assert all(torch.equal(first[name], second[name]) for name in first)
+
+
+def test_processes_share_gradients_and_no_filters(tmp_path: Path) -> None:
+    """One validates in broadband light while the other waits: each keeps the filters of its own photos."""
+    settings = {**SMALL, "colour_psfs": True}
+    alone = _loaded(1.0, settings=settings)
+    recipe = tmp_path / "bank.toml"
+    recipe.write_text(tomli_w.dumps(alone.recipe.model_dump(mode="json", exclude_none=True)))
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    command += ["-m", "edofsim", "train", str(recipe), "--out", str(tmp_path / "both")]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    assert done.returncode == 0, done.stderr[-2000:]
+    both = load_checkpoint(tmp_path / "both" / "bank.safetensors").network.state_dict()
+    single = load_checkpoint(train(alone, tmp_path / "alone").checkpoint).network.state_dict()
+    assert torch.equal(both["filters"], single["filters"])
+    assert not torch.equal(both["trunk.last.weight"], single["trunk.last.weight"])
 
 
 def test_photos_of_views_are_taken_once_for_all_trainings(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -22,15 +23,27 @@ from edofsim.recipe.load import load_camera
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
 from edofsim.restore.linear import colour_error, local_error, local_filters, wiener_error
 from edofsim.restore.network import apply_network
-from edofsim.restore.photograph_statistics import COARSEST_PX, COLOUR_CORRELATION, FALL, POWER
+from edofsim.restore.photograph_statistics import (
+    COARSEST_PX,
+    COLOUR_CORRELATION,
+    FALL,
+    POWER,
+    colour_weights,
+)
 
 NOISE = 0.02
 WINDOW, SIZE = 6, 12
 
 
-def _psfs(depths: int) -> Tensor:
-    random = torch.rand(depths, 3, WINDOW, WINDOW, generator=torch.Generator().manual_seed(4)).double() ** 3
-    return 0.9 * random / random.sum((-1, -2), keepdim=True)
+SEEN = ((0.8, 0.3, -0.1), (0.1, 0.85, 0.05), (0.0, 0.2, 0.8))  # of each colour in each channel
+
+
+def _psfs(depths: int, mixed: bool = False) -> Tensor:
+    """[depth, channel, y, x], or by colour."""
+    shape = (depths, 3, 3) if mixed else (depths, 3)
+    random = torch.rand(*shape, WINDOW, WINDOW, generator=torch.Generator().manual_seed(4)).double() ** 3
+    psf = 0.9 * random / random.sum((-1, -2), keepdim=True)
+    return psf * torch.tensor(SEEN).double()[..., None, None] if mixed else psf
 
 
 def _scene() -> Tensor:
@@ -47,21 +60,28 @@ def _blur(psf: Tensor) -> Tensor:
     """The blur of one depth as a matrix, [3 * pixels, 3 * pixels]: a sum over places, no transform. Light
     that the PSF does not hold goes to all places."""
     matrix = torch.zeros(3, SIZE, SIZE, 3, SIZE, SIZE, dtype=torch.float64)
-    for channel in range(3):
-        matrix[channel, :, :, channel] = (1 - psf[channel].sum()) / SIZE**2
+    psf = psf if psf.ndim == 4 else torch.diag_embed(psf.movedim(0, -1)).movedim((-2, -1), (0, 1))
+    for channel, colour in itertools.product(range(3), range(3)):
+        seen = psf[channel, colour]
+        matrix[channel, :, :, colour] = (float(channel == colour) - seen.sum()) / SIZE**2
         for y in range(SIZE):
             for x in range(SIZE):
                 for v in range(WINDOW):
                     for u in range(WINDOW):
                         row, column = (y + v - WINDOW // 2) % SIZE, (x + u - WINDOW // 2) % SIZE
-                        matrix[channel, row, column, channel, y, x] += psf[channel, v, u]
+                        matrix[channel, row, column, colour, y, x] += seen[v, u]
     return matrix.reshape(3 * SIZE**2, 3 * SIZE**2)
 
 
+@pytest.fixture(scope="module", params=[False, True], ids=["channels", "colours"])
+def mixed(request: pytest.FixtureRequest) -> bool:
+    return bool(request.param)
+
+
 @pytest.fixture(scope="module")
-def blurs() -> list[Tensor]:
-    """Those of `_psfs(4)`."""
-    return [_blur(one) for one in _psfs(4)]
+def blurs(mixed: bool) -> list[Tensor]:
+    """Those of `_psfs(4, mixed)`."""
+    return [_blur(one) for one in _psfs(4, mixed)]
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +90,10 @@ def scene() -> Tensor:
 
 
 @pytest.mark.parametrize("groups", [1, 2])
-def test_local_error_is_that_of_dense_least_squares(groups: int, blurs: list[Tensor], scene: Tensor) -> None:
-    psf = _psfs(4)
+def test_local_error_is_that_of_dense_least_squares(
+    groups: int, mixed: bool, blurs: list[Tensor], scene: Tensor
+) -> None:
+    psf = _psfs(4, mixed)
     support, middle = 3, SIZE // 2
     pixels = [
         channel * SIZE**2 + (middle + v) * SIZE + middle + u
@@ -117,10 +139,10 @@ def test_wiener_error_is_that_of_a_dense_filter_for_one_depth() -> None:
 
 @pytest.mark.parametrize("groups", [1, 2, 4])
 def test_colour_error_is_that_of_dense_filters_of_all_pixels_and_colours(
-    groups: int, blurs: list[Tensor], scene: Tensor
+    groups: int, mixed: bool, blurs: list[Tensor], scene: Tensor
 ) -> None:
-    narrow = _psfs(4)
-    psf = torch.zeros(4, 3, SIZE, SIZE, dtype=torch.float64)
+    narrow = _psfs(4, mixed)
+    psf = torch.zeros(*narrow.shape[:-2], SIZE, SIZE, dtype=torch.float64)
     corner = SIZE // 2 - WINDOW // 2
     psf[..., corner : corner + WINDOW, corner : corner + WINDOW] = narrow
     noise = NOISE**2 * torch.eye(3 * SIZE**2, dtype=torch.float64)
@@ -226,6 +248,27 @@ def test_a_mask_is_designed_for_filters_of_each_distance() -> None:
     assert judged() < before - 0.1
 
 
+def test_a_mask_gains_most_where_most_is_lacking() -> None:
+    """In light of all wavelengths, from a mask that has a shape: two wishes, and the mean."""
+    optics = _optics("paper-clear", 32)
+    place = torch.linspace(-1, 1, 239)
+    start = (0.6 + 0.4 * (place**3 + place[:, None] ** 3) / 2) * 1e-6
+    ends = torch.tensor([0.0, 2.0], dtype=torch.float64)
+    found = []
+    for wanted in ((), ((0.0, 40.0), (0.6, 10.0), (2.0, 10.0)), ((0.0, 10.0), (1.4, 10.0), (2.0, 40.0))):
+        mask = FreeHeight(start, 1.2e-6, 1.3e-7)
+        settings = {"height_noise": 40e-9, "truncated_energy": 0.5, "seed": 3}
+        design(
+            mask, optics, 8, (0.0, 2.0), error=_for_one_filter, broadband=True, wanted_db=wanted, **settings
+        )
+        with torch.no_grad():
+            psf = optics.with_mask(MaskMaps(mask())).psfs(ends, True, 40e-9)
+        found.append(-10 * local_error(psf, groups=2).mean(1).log10())
+        assert float((mask() - start).detach().std()) < 60e-9  # it went on from the start
+    mean, far, near = found
+    assert float(far[0]) > float(mean[0]) + 0.1 and float(near[1]) > float(mean[1]) + 0.1, found
+
+
 def test_a_few_shifted_wavelengths_stand_for_the_whole_response() -> None:
     optics = _optics("paper-clear", 48)
     depths = torch.tensor([0.0, 0.7, 1.6], dtype=torch.float64)
@@ -241,8 +284,10 @@ def test_a_few_shifted_wavelengths_stand_for_the_whole_response() -> None:
         ]
     )
     expected = torch.einsum("cb,bdyx->dcyx", weights, many)
-    off = (torch.stack(shifted).mean(0) - expected).norm() / expected.norm()
-    assert float(off) < 0.02
+    found = torch.stack(shifted).mean(0)
+    assert float((found.sum(2) - expected).norm() / expected.norm()) < 0.02
+    by_colour = torch.einsum("cb,bdyx->dcyx", colour_weights(bands, weights), many).unflatten(1, (3, 3))
+    assert float((found - by_colour).norm() / by_colour.norm()) < 0.05
 
 
 def test_a_sensor_of_three_lines_has_no_other_light() -> None:

@@ -36,6 +36,25 @@ def test_light_goes_where_the_psf_says() -> None:
     assert torch.allclose(photo, sharp[..., before : before + 10, before - 1 : before + 9], atol=1e-6)
 
 
+def test_a_channel_adds_up_what_it_sees_of_each_colour() -> None:
+    """Against a photo of each colour alone; what a window does not hold of it is a veil, too."""
+    generator = torch.Generator().manual_seed(4)
+    sharp = torch.rand(2, 3, 15, 14, generator=generator)
+    psf = torch.rand(2, 3, 3, 6, 6, generator=generator) / 60
+    photo = capture_planes(sharp, psf)
+    inside = sharp[..., 2:12, 2:11]
+    assert photo.shape == inside.shape
+    means = sharp.mean((-1, -2))
+    for channel in range(3):
+        expected = means[:, channel, None, None].expand(2, 10, 9).clone()
+        for colour in range(3):
+            seen = capture_planes(sharp[:, [colour]], psf[:, channel, [colour]])[:, 0]
+            expected += seen - means[:, colour, None, None]
+        torch.testing.assert_close(photo[:, channel], expected)
+    white = capture_planes(torch.ones(2, 3, 15, 14), psf)
+    torch.testing.assert_close(white, torch.ones_like(white))
+
+
 def test_light_beyond_the_window_is_a_veil() -> None:
     """Against a window that holds all the light: a point with a halo that is wider than the small window."""
     wide, small = 241, 9

@@ -164,3 +164,22 @@ def test_filters_of_both_are_of_the_same_psfs() -> None:
     both.set_psfs(_blurs(2))
     torch.testing.assert_close(both.filters, local_filters(_blurs(2), 9, 2).flatten(0, 1).to(both.filters))
     assert both.dcnn is not None and torch.equal(both.dcnn.transfer, both.transfer)
+
+
+def test_a_bank_with_more_blocks_and_wider_filters_starts_from_another() -> None:
+    """With filters as wide it restores the same at first; a D-CNN, which knows one mask, stays behind."""
+    bank, dcnn = _pair()
+    photo = _photo(3, 1, 3, 72, 80)
+    more = FilterBank.grown(bank, {"blocks": (2, 2), "colour_psfs": True}).eval()
+    more.set_psfs(torch.diag_embed(_blurs(3).movedim(1, -1)).movedim((-2, -1), (1, 2)))
+    with torch.no_grad():
+        torch.testing.assert_close(more.unclamped(photo), bank.unclamped(photo), rtol=0, atol=2e-5)
+    assert more.settings() == {**bank.settings(), "blocks": [2, 2], "colour_psfs": True}
+    alone = FilterBank.grown(bank.with_auxiliary(dcnn), {"support": 11})
+    assert alone.dcnn is None and alone.support == 11
+    torch.testing.assert_close(alone.trunk.state_dict(), bank.trunk.state_dict())
+    for settings in ({"width": 6}, {"blocks": (1,)}, {"distances": 0}, {"blur": 3}):
+        with pytest.raises(InputError, match="does not fit"):
+            FilterBank.grown(bank, settings)
+    with pytest.raises(InputError, match="not out of a 'dcnn'"):
+        FilterBank.grown(dcnn)
