@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from pydantic import Field, ValidationInfo, model_validator
@@ -61,6 +62,13 @@ class DoeTable(RecipeModel):
     @classmethod
     def _as_once_written(cls, data: object) -> object:
         return without(data, "design_response", "design_evenness")
+
+    @model_validator(mode="after")
+    def _ascending(self) -> DoeTable:
+        places = [place for place, _ in self.design_wanted_db]
+        if any(second <= first for first, second in pairwise(places)):
+            raise ValueError(f"design_wanted_db: inverse depths must ascend, and are {places}")
+        return self
 
 
 class LossTable(RecipeModel):

@@ -31,7 +31,7 @@ def power_spectrum(size: int, like: Tensor) -> Tensor:
 
 
 def transfer_functions(psf: Tensor, size: int) -> Tensor:
-    """Transfer functions of PSFs, [depth, channel, size, size // 2 + 1], or with `colour` as they have it.
+    """Transfer functions of PSFs, [depth, channel, size, size // 2 + 1], with a colour axis as theirs.
 
     psf: [depth, channel, y, x], or of what each channel sees of each colour, [depth, channel, colour, y, x].
     size: period in pixels, at least the PSFs'.
@@ -49,7 +49,7 @@ def transfer_functions(psf: Tensor, size: int) -> Tensor:
 
 def smoothest_spectra(wavelengths: Tensor, weights: Tensor) -> Tensor:
     """Linear map [band, channel] from what the channels see to the spectrum that changes least from band to
-    band: what has no colour is even, and a blue's light grows less towards red.
+    band: what has no colour is even, and blue light falls towards red.
 
     wavelengths: [band], ascending or descending, in any unit.
     weights: [channel, band], the sum of each channel 1.

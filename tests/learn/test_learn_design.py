@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from pydantic import ValidationError
 from torch import Tensor
 
 from edofsim.capture.planes import surroundings
@@ -20,6 +21,7 @@ from edofsim.learn.system import Planes
 from edofsim.learn.training_camera import TrainingCamera
 from edofsim.optics import Camera, mean_psfs, response
 from edofsim.recipe.load import load_camera
+from edofsim.recipe.train import DoeTable
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
 from edofsim.restore.linear import colour_error, local_error, local_filters, wiener_error
 from edofsim.restore.network import apply_network
@@ -267,6 +269,11 @@ def test_a_mask_gains_most_where_most_is_lacking() -> None:
         assert float((mask() - start).detach().std()) < 60e-9  # it went on from the start
     mean, far, near = found
     assert float(far[0]) > float(mean[0]) + 0.1 and float(near[1]) > float(mean[1]) + 0.1, found
+
+
+def test_wishes_must_ascend() -> None:
+    with pytest.raises(ValidationError, match="must ascend"):
+        DoeTable(design_wanted_db=((1.0, 28.0), (0.5, 27.0)))
 
 
 def test_a_few_shifted_wavelengths_stand_for_the_whole_response() -> None:
