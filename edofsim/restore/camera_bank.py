@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import torch
 from torch import Tensor
@@ -74,6 +74,7 @@ class CameraBank(FilterBank):
 
     kind = "camera-bank"
     any_camera = True
+    of_one_camera = (*FilterBank.of_one_camera, "colour_psfs")
 
     def __init__(
         self,
@@ -103,7 +104,7 @@ class CameraBank(FilterBank):
         self.filters = torch.cat([self.filters, *[point] * len(BLIND)])
 
     @classmethod
-    def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> CameraBank:
+    def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> Self:
         """One with the weights of a `FilterBank`, or of one that is not given what Wiener deconvolution
         makes; at first it ignores what that was not given. Raises InputError for another network."""
         if not isinstance(network, FilterBank) or network.sees_linear or network.dcnn is not None:
@@ -111,12 +112,7 @@ class CameraBank(FilterBank):
             raise InputError(
                 f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}{more}"
             )
-        own = {name: value for name, value in network.settings().items() if name != "colour_psfs"}
-        # pyrefly: ignore[bad-argument-type] - those of its own class
-        found = cls(**{**own, **(settings or {})})
-        found.trunk.load_state_dict(found.trunk.grown(network.trunk))
-        found.belief.data.copy_(network.belief)
-        return found
+        return super().grown(network, settings)
 
     def settings(self) -> dict[str, object]:
         return {**super().settings(), **({"linear": True} if self.sees_linear else {})}

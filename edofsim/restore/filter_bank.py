@@ -10,8 +10,8 @@ with PSFs of their own.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Self
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Self
 
 import torch
 from torch import Tensor, nn
@@ -60,6 +60,8 @@ class FilterBank(DepthConditioned):
     kind = "filter-bank"
     psfs = "mean"
     psf_buffers = ("filters", "transfer", "_matrix", "_constant")
+    of_one_camera: ClassVar[Sequence[str]] = ("dcnn",)
+    """Settings that another bank does not take over when it grows out of one."""
 
     def __init__(
         self,
@@ -107,16 +109,16 @@ class FilterBank(DepthConditioned):
         return {**own, **self.trunk.settings(), **dcnn, **colours}
 
     @classmethod
-    def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> FilterBank:
+    def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> Self:
         """One with the U-Net of another bank, and more blocks or wider filters than that, which at first are
         the identity and not solved for. An auxiliary network is not taken along: it knows one mask. Raises
         InputError for another network, and where the U-Nets do not fit."""
         if not isinstance(network, FilterBank):
-            raise InputError(f"a {cls.kind!r} grows out of another one, not out of a {network.kind!r}")
-        without = {name: value for name, value in network.settings().items() if name != "dcnn"}
+            raise InputError(f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}")
+        own = {name: value for name, value in network.settings().items() if name not in cls.of_one_camera}
         try:
             # pyrefly: ignore[bad-argument-type] - those of its own class
-            found = cls(**{**without, **(settings or {})})
+            found = cls(**{**own, **(settings or {})})
             found.trunk.load_state_dict(found.trunk.grown(network.trunk))
         except (TypeError, ValueError, RuntimeError) as error:
             raise InputError(f"it does not fit: {first_line(error)}") from None
