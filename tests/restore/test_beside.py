@@ -175,6 +175,8 @@ def test_a_bank_with_more_blocks_and_wider_filters_starts_from_another() -> None
     with torch.no_grad():
         torch.testing.assert_close(more.unclamped(photo), bank.unclamped(photo), rtol=0, atol=2e-5)
     assert more.settings() == {**bank.settings(), "blocks": [2, 2], "colour_psfs": True}
+    any_camera = CameraBank.grown(more)  # which has no PSFs of its own
+    assert any_camera.settings() == {**bank.settings(), "blocks": [2, 2]}
     alone = FilterBank.grown(bank.with_auxiliary(dcnn), {"support": 11})
     assert alone.dcnn is None and alone.support == 11
     torch.testing.assert_close(alone.trunk.state_dict(), bank.trunk.state_dict())
