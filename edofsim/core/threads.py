@@ -7,7 +7,8 @@ slowest, every time; on a machine that others use too that costs more than it ga
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
@@ -19,6 +20,9 @@ Result = TypeVar("Result")
 
 MOST_THREADS = 32
 """Each holds working memory of its own; beyond this many the cores wait for memory anyway."""
+
+END = object()
+"""What no iterator gives."""
 
 _lock = threading.Lock()
 _users = 0
@@ -55,6 +59,23 @@ def in_threads(work: Callable[[Item], Result], items: Sequence[Item], device: to
         return [alone(item) for item in items]
     with one_thread_an_operation(), ThreadPoolExecutor(count) as pool:
         return list(pool.map(piece, items))
+
+
+def in_turns(chains: Sequence[Iterator[object]], device: torch.device) -> None:
+    """Take each of these iterators to its end, several at a time as `in_threads` does: threads take a step of
+    one after another, so that no long one is left over for a thread alone."""
+    waiting = deque(chains)
+
+    def advance(_: int) -> None:
+        while True:
+            try:
+                chain = waiting.popleft()
+            except IndexError:  # as many as are under way have a thread
+                return
+            if next(chain, END) is not END:
+                waiting.append(chain)
+
+    in_threads(advance, range(len(chains)), device)
 
 
 def threads_allowed() -> int:

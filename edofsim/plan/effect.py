@@ -61,7 +61,6 @@ class Effect:
     adds_to_parent: whether that one is measured without this, so that leaving it out makes both errors.
     stage: render, psf, expose or sensor.
     one_pass: one estimate shows what all levels change.
-    quick: a level takes little time to look at, once others were.
     cuts: fields of `Fidelity` by which a view is rendered without it, where a user insists on that.
     """
 
@@ -76,7 +75,6 @@ class Effect:
     adds_to_parent: bool = False
     stage: str = "expose"
     one_pass: bool = False
-    quick: bool = False
     cuts: Values = field(default_factory=dict)
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.progress import Progress
-from ..core.threads import in_threads
+from ..core.threads import in_turns
 from .effect import Effect, Errors, Level, overall
 from .facts import Facts, rms
 from .otfs import FINE_NODES, fine_nodes_of
@@ -142,49 +141,51 @@ def _measured(
 ) -> list[Mapping[int, Tensor]]:
     """What levels of effects change, by their number, several effects at a time; each effect with whether all
     of its levels are looked at. Those of one pass begin: they are seen in coarse photos alone, and need not
-    wait for spectra that another thread makes. Quick ones end: threads are done at about the same time.
-    Where PSFs of many depths take long, and others would wait for them, all threads make these first."""
+    wait for spectra that another thread makes. Where PSFs of many depths take long, and others would wait for
+    them, all threads make these first."""
     effects = [effect for effect, *_ in todo]
     many = fine_nodes_of(facts.camera, facts.view, facts.ends) > FINE_NODES
     if many and not all(effect.one_pass for effect in effects):
         facts.spectra.make_fine_psfs()
-    lock, done = threading.Lock(), 0
-    order = sorted(range(len(todo)), key=lambda each: (not effects[each].one_pass, effects[each].quick))
+    found: list[dict[int, Tensor]] = [{} for _ in todo]
 
-    def measure(one: tuple[Effect, Sequence[Level], bool]) -> Mapping[int, Tensor]:
-        nonlocal done
-        effect, levels, all_levels = one
+    def measure(number: int) -> Iterator[None]:
+        effect, levels, all_levels = todo[number]
         differences = effect.differences or of_psfs
-        with lock:
-            if progress:
-                progress(done / len(todo), f"estimating {effect.name}")
-            done += 1
+        if progress:
+            progress(sum(map(bool, found)) / len(todo), f"estimating {effect.name}")
         if all_levels:
-            return dict(enumerate(differences(facts, levels[:-1])))
-        return _useful(lambda level: differences(facts, [levels[level]])[0], len(levels) - 1, facts.allowed)
+            found[number].update(enumerate(differences(facts, levels[:-1])))
+            return
+        for level in _useful(found[number], len(levels) - 1, facts.allowed):
+            (found[number][level],) = differences(facts, [levels[level]])
+            yield
 
-    found = in_threads(measure, [todo[number] for number in order], torch.device("cpu"))
-    return [found[order.index(number)] for number in range(len(todo))]
+    first = sorted(range(len(todo)), key=lambda number: not effects[number].one_pass)
+    in_turns([measure(number) for number in first], torch.device("cpu"))
+    return [dict(sorted(each.items())) for each in found]
 
 
-def _useful(measure: Callable[[int], Tensor], count: int, most: float) -> Mapping[int, Tensor]:
-    """What some of `count` levels change, from coarse to fine: the coarsest of all, the coarsest that errs by
-    no more than `most`, found by halves, as a finer one is taken to err by less, and finer ones up to one
-    that errs by little of it."""
-    found = {0: measure(0)}
+def _useful(found: Mapping[int, Tensor], count: int, most: float) -> Iterator[int]:
+    """Which of `count` levels to look at, each once `found` has what those before it change, from coarse to
+    fine: the coarsest of all, the coarsest that errs by no more than `most`, found by halves, as a finer one
+    is taken to err by less, and finer ones up to one that errs by little of it."""
 
     def size(level: int) -> float:
-        if level not in found:
-            found[level] = measure(level)
         return overall(rms(found[level]))
 
+    yield 0
     below, enough = (-1, 0) if size(0) <= most else (0, count)
     while enough - below > 1:
         middle = (below + enough) // 2
+        yield middle
         below, enough = (below, middle) if size(middle) <= most else (middle, enough)
-    while enough < count and size(enough) > FINER * most:
+    while enough < count:
+        if enough not in found:
+            yield enough
+        if size(enough) <= FINER * most:
+            return
         enough += 1
-    return dict(sorted(found.items()))
 
 
 def _products(differences: Sequence[Tensor]) -> Tensor:

@@ -7,7 +7,7 @@ import threading
 import pytest
 import torch
 
-from edofsim.core.threads import in_threads, one_thread_an_operation
+from edofsim.core.threads import in_threads, in_turns, one_thread_an_operation
 
 CPU = torch.device("cpu")
 
@@ -41,3 +41,41 @@ def test_what_goes_wrong_in_a_piece_is_raised(two_threads):
     with pytest.raises(ZeroDivisionError):
         in_threads(lambda number: 1 // number, [1, 0], CPU)
     assert torch.get_num_threads() == 2
+
+
+def test_chains_are_taken_to_their_ends_by_two_threads_and_each_by_one_at_a_time(two_threads):
+    meet, under_way, done = threading.Barrier(2, timeout=20), set(), []
+
+    def chain(name, steps):
+        for number in range(steps):
+            assert name not in under_way
+            under_way.add(name)
+            if number == 0 and name in "ab":
+                meet.wait()
+            done.append((name, number))
+            under_way.remove(name)
+            yield
+
+    in_turns([chain("a", 3), chain("b", 1), chain("c", 40), chain("d", 0)], CPU)
+    assert sorted(done) == [("a", 0), ("a", 1), ("a", 2), ("b", 0), *(("c", k) for k in range(40))]
+
+
+def test_a_chain_that_fails_is_raised_once_the_others_have_ended(two_threads):
+    ended = []
+
+    def chain(name, steps):
+        for number in range(steps):
+            yield 1 // (name - number)
+        ended.append(name)
+
+    with pytest.raises(ZeroDivisionError):
+        in_turns([chain(2, 4), chain(9, 3), chain(8, 5)], CPU)
+    assert sorted(ended) == [8, 9]
+
+
+def test_one_thread_takes_steps_in_turn():
+    before, taken = torch.get_num_threads(), []
+    torch.set_num_threads(1)
+    in_turns([map(taken.append, (f"{name}0", f"{name}1")) for name in "ab"], CPU)
+    torch.set_num_threads(before)
+    assert taken == ["a0", "b0", "a1", "b1"]

@@ -80,4 +80,4 @@ def _apart(facts: Facts, coarser: int, layers: int) -> float:
     return math.sqrt(max(of_more, TINY) / max(of_few, TINY))
 
 
-EFFECT = Effect("depth layers", levels, why, absent, differences, quick=True)
+EFFECT = Effect("depth layers", levels, why, absent, differences)

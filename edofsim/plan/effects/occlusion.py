@@ -28,7 +28,6 @@ OCCLUSION = Effect(
     lambda facts: f"{facts.edges} pixels lie on depth edges",
     lambda facts: "" if facts.edges else "there are no depth edges: nothing covers anything",
     lambda facts, levels: photo_changes(facts, [level.change for level in levels]),
-    quick=True,
 )
 
 # layers that are filled from their surroundings lie at the depth nodes: it would take many of them
