@@ -70,7 +70,7 @@ def in_turns(chains: Sequence[Iterator[object]], device: torch.device) -> None:
         while True:
             try:
                 chain = waiting.popleft()
-            except IndexError:  # as many as are under way have a thread
+            except IndexError:  # those that are left have a thread each
                 return
             if next(chain, END) is not END:
                 waiting.append(chain)

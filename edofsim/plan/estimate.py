@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -148,12 +149,14 @@ def _measured(
     if many and not all(effect.one_pass for effect in effects):
         facts.spectra.make_fine_psfs()
     found: list[dict[int, Tensor]] = [{} for _ in todo]
+    lock = threading.Lock()
 
     def measure(number: int) -> Iterator[None]:
         effect, levels, all_levels = todo[number]
         differences = effect.differences or of_psfs
         if progress:
-            progress(sum(map(bool, found)) / len(todo), f"estimating {effect.name}")
+            with lock:
+                progress(sum(map(bool, found)) / len(todo), f"estimating {effect.name}")
         if all_levels:
             found[number].update(enumerate(differences(facts, levels[:-1])))
             return

@@ -7,7 +7,7 @@ import threading
 import pytest
 import torch
 
-from edofsim.core.threads import in_threads, in_turns, one_thread_an_operation
+from edofsim.core.threads import in_threads, in_turns, one_thread, one_thread_an_operation
 
 CPU = torch.device("cpu")
 
@@ -74,8 +74,7 @@ def test_a_chain_that_fails_is_raised_once_the_others_have_ended(two_threads):
 
 
 def test_one_thread_takes_steps_in_turn():
-    before, taken = torch.get_num_threads(), []
-    torch.set_num_threads(1)
-    in_turns([map(taken.append, (f"{name}0", f"{name}1")) for name in "ab"], CPU)
-    torch.set_num_threads(before)
+    taken = []
+    with one_thread():
+        in_turns([map(taken.append, (f"{name}0", f"{name}1")) for name in "ab"], CPU)
     assert taken == ["a0", "b0", "a1", "b1"]
