@@ -33,7 +33,7 @@ class Images:
     @cached_property
     def means(self) -> Tensor:
         """Of each picture, [picture, 3], from 0 to 1."""
-        return torch.stack([picture.to(torch.float32).mean((-1, -2)) for picture in self.pictures]) / 255
+        return torch.stack([_full_scale(picture).mean((-1, -2)) for picture in self.pictures])
 
     @cached_property
     def areas(self) -> Tensor:

@@ -7,7 +7,7 @@ import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Protocol
 
 import torch
 from pydantic import Field
@@ -267,7 +267,20 @@ def _check_sampling(view: View, optics: TrainingCamera, name: str) -> None:
         raise InputError([f"scene {name!r}: {problem}" for problem in error.problems]) from None
 
 
-def scenes_of(table: Views, patch: int, held_back: float, base: Path) -> list[tuple[SceneRecipe, Path]]:
+class NamesScenes(Protocol):
+    """A table of scenes, with members of their families from a seed on."""
+
+    @property
+    def scenes(self) -> tuple[str, ...]: ...
+
+    @property
+    def members(self) -> int: ...
+
+    @property
+    def seed(self) -> int | None: ...
+
+
+def scenes_of(table: NamesScenes, patch: int, held_back: float, base: Path) -> list[tuple[SceneRecipe, Path]]:
     """The scenes of a source, each with the folder that its files start from, before anything is rendered.
 
     Raises InputError, all problems together, for frames that hold no patch, for training and, above it or in

@@ -103,6 +103,7 @@ TRAINING_DATA: Registry[type[KindModel]] = Registry(
         "natural": "edofsim.learn.photographs:NaturalImages",
         "packaged": "edofsim.learn.photographs:PackagedImages",
         "drawn": "edofsim.learn.drawn:DrawnSheets",
+        "rendered": "edofsim.learn.rendered:RenderedPictures",
         "views": "edofsim.learn.views:Views",
     },
     "edofsim.learn.reader:TrainingReader",
