@@ -201,12 +201,22 @@ def _used(views: Sequence[View], camera: Camera, fidelity: Fidelity, axes: Axes,
 
 @own_precision
 def clean_photo(
-    view: View, camera: Camera, fidelity: Fidelity, exposure: float, layout: Layout | None = None
+    view: View,
+    camera: Camera,
+    fidelity: Fidelity,
+    exposure: float,
+    layout: Layout | None = None,
+    weights: Tensor | None = None,
 ) -> Tensor:
     """The clean photo [channel, y, x] that `capture` makes of a view on the CPU in float32, and nothing else
-    that a photo holds. Raises InputError as that."""
+    that a photo holds.
+
+    weights: [channel, band], in place of the sensor's response.
+
+    Raises InputError as that.
+    """
     _checked([view], camera, fidelity)
-    given, axes = _composited(view.to("cpu", torch.float32), camera, fidelity)
+    given, axes = _composited(view.to("cpu", torch.float32), camera, fidelity, weights)
     how = {"dtype": torch.float32, "device": "cpu"}
     found = _imaged([given], camera, fidelity, axes, layout, exposure, Stopwatch(), None, **how)
     return found[0][0] * exposure
@@ -214,20 +224,26 @@ def clean_photo(
 
 @own_precision
 def sub_aperture_change(
-    view: View, camera: Camera, fidelity: Fidelity, exposure: float, layout: Layout | None = None
+    view: View,
+    camera: Camera,
+    fidelity: Fidelity,
+    exposure: float,
+    layout: Layout | None = None,
+    weights: Tensor | None = None,
 ) -> Tensor:
     """What sub-apertures change in `clean_photo`, [channel, y, x]; 0 for a fidelity that simulates none."""
     if not _in_parts(fidelity):
         return torch.zeros(())
-    given, axes = _composited(view, camera, fidelity)
+    given, axes = _composited(view, camera, fidelity, weights)
     imaging = sub_aperture_imaging(camera, fidelity, axes)
     return imaging.change_by_sub_apertures(imaging.light(given), layout) * exposure
 
 
-def _composited(view: View, camera: Camera, fidelity: Fidelity) -> tuple[View, Axes]:
+def _composited(view: View, camera: Camera, fidelity: Fidelity, weights: Tensor | None) -> tuple[View, Axes]:
     """A view as it is composited, and what its photo shares."""
     view = as_composited(view, camera, fidelity)
-    return view, axes_of([view], camera, fidelity, channel_weights(camera, view.wavelengths))
+    weights = channel_weights(camera, view.wavelengths) if weights is None else weights
+    return view, axes_of([view], camera, fidelity, weights)
 
 
 def colours_of(views: Sequence[View], weights: Tensor) -> Tensor | None:

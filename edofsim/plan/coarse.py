@@ -36,6 +36,7 @@ class Coarse:
     """times: how many of the view's pixels lie along one of these.
 
     pupil_um: how finely the pupil is sampled, None for automatically; sub-apertures as coarsely as may be.
+    weights: [channel, band], in place of the sensor's response.
     """
 
     view: View
@@ -43,6 +44,7 @@ class Coarse:
     times: int
     exposure: float
     pupil_um: float | None = None
+    weights: Tensor | None = None
     _known: Once = field(default_factory=Once, repr=False, compare=False)
 
     def photo(self, fidelity: Fidelity) -> Tensor:
@@ -56,9 +58,22 @@ class Coarse:
             change |= {"pupil_sampling_um": None, "oversampling": None}
         return self._clean(fidelity.changed(change))
 
+    @property
+    def grey(self) -> Coarse:
+        """The same with the light of all channels as one band and one channel, in the middle of what they
+        see: a photo of it takes one blur for three."""
+        return self._known.get("grey", self._in_one_band)
+
+    def _in_one_band(self) -> Coarse:
+        view = self.view
+        weights = channel_weights(self.camera, view.wavelengths).mean(0, keepdim=True)
+        light, middle = weights.to(view.radiance) @ view.radiance, weights @ view.wavelengths.double()
+        one = view.with_light(light, middle.to(view.wavelengths))
+        return replace(self, view=one, weights=torch.ones(1, 1, dtype=torch.float64), _known=Once())
+
     def _clean(self, fidelity: Fidelity) -> Tensor:
         layout = self._layout if fidelity.occlusion == "hidden" else None
-        how = {"exposure": self.exposure, "layout": layout}
+        how = {"exposure": self.exposure, "layout": layout, "weights": self.weights}
 
         def clean() -> Tensor:
             if fidelity.sub_apertures == 1:

@@ -325,19 +325,17 @@ def _fingerprint(view: View) -> str:
 
 
 def photo_changes(facts: Facts, changes: Sequence[Mapping[str, object]], **rest: object) -> list[Tensor]:
-    """What each change of the fidelity changes in coarse photos, [channel, n] for `Effect.differences`.
+    """What each change of the fidelity changes in coarse photos, [channel, n] for `Effect.differences`: in
+    the light of all channels, of which each has its share.
 
-    rest: how else the rest is simulated than in one group of bands a channel and 4 layers, with the pupil as
-        a whole.
+    rest: how else the rest is simulated than in 4 layers, with the pupil as a whole.
     """
-    few = {"band_groups": 1, "group_wavelengths": 1, "layers": 4}
+    few = {"band_groups": 0, "group_wavelengths": 0, "layers": 4}
     few |= {"sub_apertures": 1, "sub_aperture_pixel": 2}
-    usual = facts.full.changed({**few, **rest})
-    whole = facts.coarse.photo(usual)
-    pixels = whole[0].numel()
-    return [
-        ((facts.coarse.photo(usual.changed(change)) - whole) / pixels**0.5).flatten(1) for change in changes
-    ]
+    usual, grey = facts.full.changed({**few, **rest}), facts.coarse.grey
+    whole, level = grey.photo(usual), facts.levels_of_light.to(torch.float32)
+    share = (level / level.mean().clamp_min(1e-30))[:, None] / whole.numel() ** 0.5
+    return [(grey.photo(usual.changed(change)) - whole).flatten() * share for change in changes]
 
 
 def rms(image: Tensor) -> tuple[float, ...]:

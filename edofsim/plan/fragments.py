@@ -37,7 +37,7 @@ class Tiled:
     """Images of tiles at depth nodes, or their spectra, of those pairs of both where anything lies.
 
     values: [pair, k, y, x], or [pair, k, channel, y, x] where those of channels differ.
-    tile, node: int64 [pair]. Nodes ascend.
+    tile, node: int64 [pair]. Nodes ascend, and so do the tiles of each.
     """
 
     values: Tensor
@@ -70,10 +70,17 @@ class Tiled:
         """
         tiles, place = self.tile.unique(return_inverse=True)
         found = self.values.new_zeros(len(tiles), weights.shape[1], *self.values.shape[-2:])
-        of_tiles, of_nodes = found.unbind(0), [each.unbind(1) for each in weights.unbind(0)]
-        for pair, node, at in zip(self.values.unbind(0), self.node.tolist(), place.tolist(), strict=True):
-            for weight, value in zip(of_nodes[node], pair.unbind(0), strict=True):
-                of_tiles[at].addcmul_(weight, value)
+        values = self.values if self.values.ndim == 5 else self.values[:, :, None]
+        begin = 0
+        of_nodes = (each.tolist() for each in self.node.unique_consecutive(return_counts=True))
+        for node, count in zip(*of_nodes, strict=True):
+            some = slice(begin, begin + count)
+            sums = found if count == len(tiles) else found[place[some]]
+            for weight, value in zip(weights[node].unbind(1), values[some].unbind(1), strict=True):
+                sums.addcmul_(weight, value)
+            if sums is not found:
+                found[place[some]] = sums
+            begin += count
         return tiles, found
 
 

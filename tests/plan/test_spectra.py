@@ -21,6 +21,7 @@ from edofsim.plan.coarse import coarse_of, coarser
 from edofsim.plan.effect import Level
 from edofsim.plan.effects import all_effects, depth_layers, window
 from edofsim.plan.estimate import _products, estimate
+from edofsim.plan.facts import photo_changes
 from edofsim.plan.fragments import Fragments
 from edofsim.plan.otfs import otfs_of, reach_of
 from edofsim.plan.passing import Passing
@@ -322,6 +323,34 @@ def test_coarse_photos_are_clean_photos_without_colours(monkeypatch: pytest.Monk
     parted = plain.changed({"sub_apertures": 2})
     change = sub_aperture_change(view, CAMERA, parted.changed({"field_step_px": 0}), exposure=2.0)
     assert torch.equal(coarse.photo(parted), photo + change)
+
+
+def test_a_grey_photo_is_that_of_the_only_band_and_of_light_like_that_of_all_channels():
+    """With one band it is a channel of the photo in colours, sub-apertures and all; through a sensor whose
+    bands are fixed, too. Of many bands that are alike its light is the mean of the channels'."""
+    parted = Fidelity(layers=2, band_groups=0, sub_apertures=2)
+    one = coarse_of(with_guessed(two_depths(48, 72, 1), CAMERA), CAMERA, 2.0)
+    (grey,) = one.grey.photo(parted)
+    assert torch.allclose(one.photo(parted), grey.expand(3, -1, -1), atol=1e-6)
+    lines = CAMERA.recipe.sensor.model_copy(update={"response": "lines"})
+    of_lines = Camera.from_recipe(CAMERA.recipe.model_copy(update={"sensor": lines}))
+    for camera, bands in ((CAMERA, 12), (of_lines, 3)):
+        many = coarse_of(two_depths(48, 72, bands), camera, 2.0)
+        whole = Fidelity(layers=2, occlusion="none")
+        grey, colours = many.grey.photo(whole), many.photo(whole)
+        assert grey.shape == (1, 48, 72) and float(grey.mean()) == pytest.approx(
+            float(colours.mean()), rel=2e-3
+        )
+
+
+def test_each_channel_has_a_share_of_a_grey_change_like_that_of_its_light():
+    view = two_depths(48, 72, 4)
+    red = view.with_light(view.radiance * torch.tensor([0.1, 0.2, 0.5, 1.0])[:, None], view.wavelengths)
+    facts = facts_of(red, CAMERA)
+    (change,) = photo_changes(facts, [{"window_px": 8}])
+    level = facts.levels_of_light.float()
+    assert level[0] > 2 * level[2] and change.abs().max() > 1e-5
+    assert torch.allclose(change[0], change[2] * level[0] / level[2])
 
 
 def test_psfs_of_large_pixels_hold_as_much_light():
