@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+import torch
 from torch import Tensor
 
 from ..core.json_values import Json
 from ..core.notebook import picture_html, picture_png, show
+from ..render.colour import colour_matrix, light_of
+from ..render.view import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,3 +126,16 @@ class Photo:
         how = self.how
         said = f"layers {how.layers}, occlusion {how.occlusion}, sub_apertures {how.sub_apertures}"
         return picture_html(self.image, f"Photo of {columns} x {rows} pixels: {said}", self.colours)
+
+
+def colours_of(views: Sequence[View], weights: Tensor) -> Tensor | None:
+    """Matrix [3, 3] from the colours of a sensor to linear sRGB, for one white balance of all views.
+
+    weights: the response [channel, band]. None where the bands hold no colours (`render.colour_matrix`).
+    views: of the same bands.
+    """
+    lights = [light for view in views if (light := light_of(view)) is not None]
+    light = np.mean(lights, axis=0) if lights else None
+    wavelengths = views[0].wavelengths.cpu().double().numpy()
+    found = colour_matrix(weights.detach().cpu().double().numpy(), wavelengths, light)
+    return None if found is None else torch.from_numpy(found)

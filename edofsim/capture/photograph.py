@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -24,7 +23,6 @@ from ..optics.camera import defocus_per_dioptre
 from ..optics.precision import own_precision
 from ..optics.pupil import transmission
 from ..recipe import CameraRecipe
-from ..render.colour import colour_matrix, light_of
 from ..render.view import View
 from .band_limit import BandLimit
 from .blurring import Blurring
@@ -36,7 +34,7 @@ from .guessed import guessed_fragments, lacks_hidden, with_guessed
 from .imaging import Axes, Imaging, imaging_of, spectrum_of, sub_aperture_imaging
 from .light import hat_weights, seen
 from .occlusion.hidden import Layout
-from .photo import How, Photo
+from .photo import How, Photo, colours_of
 from .prepare import channel_weights, depth_nodes, fewer_nodes
 from .sensor import automatic_exposure, record, sensor_effects
 from .terms import TermBlurring
@@ -231,7 +229,10 @@ def sub_aperture_change(
     layout: Layout | None = None,
     weights: Tensor | None = None,
 ) -> Tensor:
-    """What sub-apertures change in `clean_photo`, [channel, y, x]; 0 for a fidelity that simulates none."""
+    """What sub-apertures change in `clean_photo`, [channel, y, x]; 0 for a fidelity that simulates none.
+
+    weights: [channel, band], in place of the sensor's response.
+    """
     if not _in_parts(fidelity):
         return torch.zeros(())
     given, axes = _composited(view, camera, fidelity, weights)
@@ -244,19 +245,6 @@ def _composited(view: View, camera: Camera, fidelity: Fidelity, weights: Tensor 
     view = as_composited(view, camera, fidelity)
     weights = channel_weights(camera, view.wavelengths) if weights is None else weights
     return view, axes_of([view], camera, fidelity, weights)
-
-
-def colours_of(views: Sequence[View], weights: Tensor) -> Tensor | None:
-    """Matrix [3, 3] from the colours of a sensor to linear sRGB, for one white balance of all views.
-
-    weights: the response [channel, band]. None where the bands hold no colours (`render.colour_matrix`).
-    views: of the same bands.
-    """
-    lights = [light for view in views if (light := light_of(view)) is not None]
-    light = np.mean(lights, axis=0) if lights else None
-    wavelengths = views[0].wavelengths.cpu().double().numpy()
-    found = colour_matrix(weights.detach().cpu().double().numpy(), wavelengths, light)
-    return None if found is None else torch.from_numpy(found)
 
 
 def axes_of(
