@@ -20,7 +20,7 @@ from .sources import Images
 from .views import scenes_of
 
 BRIGHTEST = 2.0
-"""Times full scale: lamps that are seen are no brighter, as `saturated_highlights` has those of its own."""
+"""Times full scale: brighter lamps are cut to this; `saturated_highlights` adds lamps of its own."""
 
 
 class RenderedPictures(Photographs):
@@ -59,10 +59,5 @@ class RenderedPictures(Photographs):
             digest.update(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode())
         images = Images(tuple(pictures), tuple(names), digest.hexdigest())
         found = plane_source(self, images, "rendered scenes", wanted.recipe, wanted.optics.window)
-        about = {
-            "scenes": list(self.scenes),
-            "members": self.members,
-            "seed": self.seed,
-            "left_out": left_out,
-        }
+        about = {**self.model_dump(mode="json", include={"scenes", "members", "seed"}), "left_out": left_out}
         return replace(found, described={**found.described, **about})
