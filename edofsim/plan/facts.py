@@ -251,8 +251,9 @@ def facts_of(
     view = with_guessed(view, camera)
     response = channel_weights(camera, view.wavelengths)
     with ThreadPoolExecutor(1) as pool:
+        edges = pool.submit(edge_pixels, view, 1 / blur_per_dioptre(camera))
         light = pool.submit(_light, view, response)
-        facts = _facts(view, camera, response, light, recipe=recipe, noise_ratio=noise_ratio)
+        facts = _facts(view, camera, response, edges, light, recipe=recipe, noise_ratio=noise_ratio)
     if facts.blur_spread < SAME_DEPTH_PX:
         facts = replace(facts, full=facts.full.changed({"layers": 1}))
     return facts
@@ -267,27 +268,29 @@ def _facts(
     view: View,
     camera: Camera,
     response: Tensor,
+    edges: Future[int],
     light: Future[tuple[str, Tensor, Tensor]],
     *,
     recipe: SceneRecipe | None,
     noise_ratio: float,
 ) -> Facts:
-    """The facts of a view with what is behind its edges; light: `_light`, which another thread looks at."""
+    """The facts of a view with what is behind its edges; edges, light: `edge_pixels` and `_light`, which
+    another thread looks at."""
     wanted, gap = camera.recipe.sensor.exposure, 1 / blur_per_dioptre(camera)
     depth = view.inverse_depth.double()
 
     distinct = torch.unique(depth[:: max(1, depth.numel() // 2000)])
     if distinct.numel() <= FEW_DEPTHS:
         distinct = torch.unique(depth)
-    edges, hidden = edge_pixels(view, gap), hides(view, gap)
+    hidden = hides(view, gap)
     cut = cuts(view, gap, hidden)
-    full, shape = full_fidelity(camera, view, edges), shape_of(view, camera, hidden, cut)
+    shape, full = shape_of(view, camera, hidden, cut), full_fidelity(camera, view, edges.result())
     fingerprint, ideal, spectrum = light.result()
     return Facts(
         view=view,
         camera=camera,
         full=full,
-        edges=edges,
+        edges=edges.result(),
         response=response,
         spectrum=spectrum,
         ideal=ideal,

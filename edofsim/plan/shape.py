@@ -131,16 +131,16 @@ def _slabs_within(view: View, slab: Tensor, place: Tensor, part: Tile, reach: in
     occupied = torch.zeros(count, BINS, dtype=torch.bool)
     occupied[at, place[here]] = True
     some = occupied.any(1)
-    extent = torch.stack([_span(at, where[here], count) for where in (y, x)], 1)[some]
+    sides = (y, rows), (x, wide)
+    extent = torch.stack([_span(at, where[here], count, side) for where, side in sides], 1)[some]
     many = int(some.sum())
     size = torch.tensor([[part.height, part.width]]).expand(many, 2)
     return size, extent, torch.full((many,), len(here), dtype=torch.float64), occupied[some]
 
 
-def _span(slab: Tensor, place: Tensor, count: int) -> Tensor:
-    """From the first to the last place [fragment] of each of this many slabs: int64 [slab]."""
-    first, last = (
-        torch.zeros(count, dtype=torch.long).scatter_reduce_(0, slab, place, how, include_self=False)
-        for how in ("amin", "amax")
-    )
+def _span(slab: Tensor, place: Tensor, count: int, side: int) -> Tensor:
+    """From the first to the last place [fragment], of `side`, of each of this many slabs: int64 [slab]."""
+    there = torch.zeros(count, side, dtype=torch.bool)
+    there[slab, place] = True
+    first, last = there.byte().argmax(1), side - 1 - there.flip(1).byte().argmax(1)
     return last - first + 1
