@@ -13,6 +13,7 @@ from torch import Tensor
 from ..capture.photograph import all_in_focus
 from ..capture.prepare import channel_weights
 from ..capture.sensor import automatic_exposure
+from ..errors import InputError
 from ..render import render
 from .photographs import Photographs, PlaneSource, plane_source
 from .reader import Wanted
@@ -57,6 +58,11 @@ class RenderedPictures(Photographs):
             pictures.append((exposure * light).clamp_max(BRIGHTEST))
             names.append(recipe.name)
             digest.update(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode())
+        if left_out and len(pictures) < 2:
+            raise InputError(
+                f"{len(left_out)} of {len(scenes)} views have more noise than most_noise = {self.most_noise:g} of "
+                "their light: render them with more samples, or allow more"
+            )
         images = Images(tuple(pictures), tuple(names), digest.hexdigest())
         found = plane_source(self, images, "rendered scenes", wanted.recipe, wanted.optics.window)
         about = {**self.model_dump(mode="json", include={"scenes", "members", "seed"}), "left_out": left_out}
