@@ -60,8 +60,8 @@ class RenderedPictures(Photographs):
             digest.update(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode())
         if left_out and len(pictures) < 2:
             raise InputError(
-                f"{len(left_out)} of {len(scenes)} views have more noise than most_noise = {self.most_noise:g} of "
-                "their light: render them with more samples, or allow more"
+                f"{len(left_out)} of {len(scenes)} views have more noise than most_noise = "
+                f"{self.most_noise:g} of their light: render them with more samples, or allow more"
             )
         images = Images(tuple(pictures), tuple(names), digest.hexdigest())
         found = plane_source(self, images, "rendered scenes", wanted.recipe, wanted.optics.window)
