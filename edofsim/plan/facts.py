@@ -251,31 +251,29 @@ def facts_of(
     view = with_guessed(view, camera)
     response = channel_weights(camera, view.wavelengths)
     with ThreadPoolExecutor(1) as pool:
-        edges = pool.submit(edge_pixels, view, 1 / blur_per_dioptre(camera))
-        light = pool.submit(_light, view, response)
-        facts = _facts(view, camera, response, edges, light, recipe=recipe, noise_ratio=noise_ratio)
+        pixels = pool.submit(_of_pixels, view, camera, response)
+        facts = _facts(view, camera, response, pixels, recipe=recipe, noise_ratio=noise_ratio)
     if facts.blur_spread < SAME_DEPTH_PX:
         facts = replace(facts, full=facts.full.changed({"layers": 1}))
     return facts
 
 
-def _light(view: View, response: Tensor) -> tuple[str, Tensor, Tensor]:
-    """The fingerprint of a view, its ideal image and its spectrum."""
-    return _fingerprint(view), view.crop_margin(all_in_focus(view, response)), spectrum_of(view)
+def _of_pixels(view: View, camera: Camera, response: Tensor) -> tuple[int, str, Tensor, Tensor]:
+    """The pixels on edges, the fingerprint of a view, its ideal image and its spectrum."""
+    edges = edge_pixels(view, 1 / blur_per_dioptre(camera))
+    return edges, _fingerprint(view), view.crop_margin(all_in_focus(view, response)), spectrum_of(view)
 
 
 def _facts(
     view: View,
     camera: Camera,
     response: Tensor,
-    edges: Future[int],
-    light: Future[tuple[str, Tensor, Tensor]],
+    pixels: Future[tuple[int, str, Tensor, Tensor]],
     *,
     recipe: SceneRecipe | None,
     noise_ratio: float,
 ) -> Facts:
-    """The facts of a view with what is behind its edges; edges, light: `edge_pixels` and `_light`, which
-    another thread looks at."""
+    """The facts of a view with what is behind its edges; pixels: `_of_pixels`, which another thread finds."""
     wanted, gap = camera.recipe.sensor.exposure, 1 / blur_per_dioptre(camera)
     depth = view.inverse_depth.double()
 
@@ -284,13 +282,13 @@ def _facts(
         distinct = torch.unique(depth)
     hidden = hides(view, gap)
     cut = cuts(view, gap, hidden)
-    shape, full = shape_of(view, camera, hidden, cut), full_fidelity(camera, view, edges.result())
-    fingerprint, ideal, spectrum = light.result()
+    shape = shape_of(view, camera, hidden, cut)
+    edges, fingerprint, ideal, spectrum = pixels.result()
     return Facts(
         view=view,
         camera=camera,
-        full=full,
-        edges=edges.result(),
+        full=full_fidelity(camera, view, edges),
+        edges=edges,
         response=response,
         spectrum=spectrum,
         ideal=ideal,

@@ -14,7 +14,7 @@ from edofsim.render.view import View
 CAMERA = Camera.from_recipe(CameraRecipe(name="c", psf={"window_px": 16}))
 
 
-def test_slabs_span_the_fragments_that_they_hold_of_each_part_of_the_frame():
+def test_slabs_span_the_fragments_that_they_hold():
     depth = torch.full((60, 70), 0.2)
     depth[20:33, 41:48] = 2.0  # two things in front of a wall
     depth[45:51, 9:30] = 1.2
