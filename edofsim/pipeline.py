@@ -20,7 +20,7 @@ from .capture.framing import framed, seen_through
 from .capture.guessed import lacks_hidden, with_guessed
 from .capture.noise import PhotoNoise, photo_noise
 from .capture.presets import PRESETS, preset
-from .core.memory import give_back_memory, give_back_renderers_memory
+from .core.memory import give_back_renderers_memory
 from .core.progress import Progress
 from .core.stopwatch import Stopwatch
 from .core.threads import in_threads
@@ -132,7 +132,7 @@ def run(
     rival = work.plan_alone(facts, overrule, target)
     known = facts.view
     del facts
-    give_back_memory()
+    give_back_renderers_memory()
     photo, lens_alone = work.photos(known, rival)
     psfs, depths = work.psfs()
     restores = _Restores(work, photo, psfs, depths)

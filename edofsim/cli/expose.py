@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .. import completion
-from ..core.memory import give_back_memory
+from ..core.memory import give_back_renderers_memory
 from ..core.progress import Progress
 from ..core.stopwatch import Stopwatch
 from ..errors import InputError
@@ -211,7 +211,7 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
     fidelity = _fidelity(plan.fidelity.of_photo(), view, asked)
     seen = facts.view if fidelity.uncovers else view
     del facts
-    give_back_memory()
+    give_back_renderers_memory()
     if asked.where is not None:
         check_crop(view, asked.where)
     with watch.stage("expose", 0.7, 0.8):

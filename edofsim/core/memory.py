@@ -8,8 +8,8 @@ from contextlib import suppress
 
 
 def give_back_renderers_memory() -> None:
-    """`give_back_memory` where anything was rendered in this process; else planning soon takes again what is
-    kept, without waiting for the system."""
+    """`give_back_memory` where anything was rendered in this process; else what is kept is soon taken again,
+    without waiting for the system."""
     if "drjit" in sys.modules:
         give_back_memory()
 

@@ -6,6 +6,7 @@ slowest, every time; on a machine that others use too that costs more than it ga
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -21,12 +22,17 @@ Result = TypeVar("Result")
 MOST_THREADS = 32
 """Each holds working memory of its own; beyond this many the cores wait for memory anyway."""
 
+SWITCH_S = 5e-5
+"""After so long, in seconds, a thread that waits for Python gets it from another. Of the 5 ms that are usual,
+pieces of many small operations wait often: each gives Python away, and wants it back a moment later."""
+
 END = object()
 """What no iterator gives."""
 
 _lock = threading.Lock()
 _users = 0
 _threads = 1
+_switch_s = 5e-3
 
 
 class _Of(threading.local):
@@ -112,12 +118,14 @@ def _threads_an_operation(count: int) -> Generator[None]:
 def one_thread_an_operation() -> Generator[None]:
     """Work of many small operations, each on one thread; `in_threads` uses as many as before.
 
-    PyTorch's number of threads is the whole process's: the first user sets it, the last sets it back."""
-    global _users, _threads
+    PyTorch's number of threads and how long a thread waits for Python are the whole process's: the first user
+    sets them, the last sets them back."""
+    global _users, _threads, _switch_s
     with _lock:
         if _users == 0:
-            _threads = torch.get_num_threads()
+            _threads, _switch_s = torch.get_num_threads(), sys.getswitchinterval()
             torch.set_num_threads(1)
+            sys.setswitchinterval(min(SWITCH_S, _switch_s))
         _users += 1
     try:
         yield
@@ -126,3 +134,4 @@ def one_thread_an_operation() -> Generator[None]:
             _users -= 1
             if _users == 0:
                 torch.set_num_threads(_threads)
+                sys.setswitchinterval(_switch_s)

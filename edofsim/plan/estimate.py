@@ -19,10 +19,8 @@ from .otfs import FINE_NODES, fine_nodes_of
 
 CHUNK = 2**16
 """Entries of differences whose products are summed at a time, so that little memory is touched."""
-LITTLE = 0.2
-"""Share of the error that a photo may have: what errs by less leaves nearly all of it to other effects."""
 FINER = 1 / 2
-"""Likewise: where a level errs by less, a finer one leaves them little more."""
+"""Share of the error that a photo may have: where a level errs by less, finer ones leave others little."""
 
 
 @dataclass(frozen=True)

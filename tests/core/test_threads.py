@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 
 import pytest
 import torch
 
-from edofsim.core.threads import in_threads, in_turns, one_thread, one_thread_an_operation
+from edofsim.core.threads import SWITCH_S, in_threads, in_turns, one_thread, one_thread_an_operation
 
 CPU = torch.device("cpu")
 
@@ -35,6 +36,20 @@ def test_pieces_meet_and_pieces_of_a_piece_follow_each_other(two_threads):
         assert len({ident for ident, _ in found}) == 2
         assert all(inner == [(ident, 1)] * 3 for ident, inner in found)
         assert torch.get_num_threads() == 2
+
+
+@pytest.mark.parametrize("usual_s", [5e-3, 1e-5])
+def test_threads_get_python_often_and_afterwards_as_before(usual_s: float):
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(usual_s)
+    usual = sys.getswitchinterval()  # in whole microseconds
+    try:
+        for _ in range(2):
+            with one_thread_an_operation(), one_thread_an_operation():
+                assert sys.getswitchinterval() == pytest.approx(min(SWITCH_S, usual), abs=1e-6)
+            assert sys.getswitchinterval() == usual
+    finally:
+        sys.setswitchinterval(before)
 
 
 def test_what_goes_wrong_in_a_piece_is_raised(two_threads):
