@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
@@ -72,6 +73,7 @@ class Store(Generic[V]):
         self._name, self._read, self._write = name, read, write
         self._size, self._most_files = size, most_files
         self._memory: OrderedDict[str, V] = OrderedDict()
+        self._lock = threading.Lock()
 
     def find(self, key: str, folder: Path | None) -> V | None:
         """The value of a key from memory or the folder, or None."""
@@ -96,17 +98,19 @@ class Store(Generic[V]):
 
     def forget(self) -> None:
         """Empty the memory; files stay."""
-        self._memory.clear()
+        with self._lock:
+            self._memory.clear()
 
     def _file(self, key: str, folder: Path) -> Path:
         return folder / self._name.format(key)
 
     def _remember(self, key: str, value: V) -> None:
-        self._memory[key] = value
-        self._memory.move_to_end(key)
-        total = sum(map(self._size, self._memory.values()))
-        while total > self.memory_bytes:
-            total -= self._size(self._memory.popitem(last=False)[1])
+        with self._lock:
+            self._memory[key] = value
+            self._memory.move_to_end(key)
+            total = sum(map(self._size, self._memory.values()))
+            while total > self.memory_bytes:
+                total -= self._size(self._memory.popitem(last=False)[1])
 
     def _thin(self, folder: Path, most: int) -> None:
         with suppress(OSError):  # another process thins it, too

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -84,3 +86,19 @@ def test_one_file_alone(tmp_path: Path):
     keep(path, lambda at: at.write_text("1"))
     assert found(path, Path.read_text) == "1"
     assert found(path, lambda at: int(at.read_text()[1])) is None
+
+
+def test_several_threads_keep_values_at_once():
+    store, before = texts(size=len, memory_bytes=300), sys.getswitchinterval()
+
+    def kept(number: int) -> None:
+        for k in range(3000):
+            store.keep(f"{number} {k % 400}", "x", None)
+            store.find(f"{1 - number} {k % 400}", None)
+
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(kept, range(2)))
+    finally:
+        sys.setswitchinterval(before)
