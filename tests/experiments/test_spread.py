@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+import torch
 
 from edofsim import console
 from edofsim.cli import invoke
@@ -20,6 +21,7 @@ from edofsim.cli.evaluate import _absolute
 from edofsim.cli.many import share_of, spread_of, work_on
 from edofsim.errors import InputError
 from edofsim.options import Spreading
+from edofsim.render.engine import thread_count
 from edofsim.render.spread import Spread
 
 SCENE = """
@@ -247,7 +249,8 @@ def test_processes_and_shares_give_the_figures_of_one(
     monkeypatch: pytest.MonkeyPatch,
 ):
     """Two scenes (broadband: two systems), all figures but seconds and what they decide; each way starts with
-    no rates learned."""
+    no rates learned, and has the threads of one of two processes: sums round by how many there are."""
+    torch.set_num_threads(max(1, thread_count() // 2))
     given: list[str | Path] = list(scenes[:2])
     if "broadband" in command:
         given = [each for scene in scenes[:2] for each in ("--scene", scene)]
