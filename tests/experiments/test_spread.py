@@ -249,7 +249,7 @@ def test_processes_and_shares_give_the_figures_of_one(
     monkeypatch: pytest.MonkeyPatch,
 ):
     """Two scenes (broadband: two systems), all figures but seconds and what they decide; each way starts with
-    no rates learned, and has the threads of one of two processes: sums round by how many there are."""
+    no rates learned, and has the threads of one of two processes: how sums are rounded depends on these."""
     torch.set_num_threads(max(1, thread_count() // 2))
     given: list[str | Path] = list(scenes[:2])
     if "broadband" in command:
