@@ -1,22 +1,25 @@
 """Are plans worth it? The default plan, planning counted, against fixed fidelities and everything in full.
 
-`python -m benchmarks.plans FOLDER` photographs shipped scenes, members of families and pictures through three
-masks four ways: (a) the default plan, looked at for the first time; (b) one fixed simplification for all, the
-cheapest found on validation scenes (members of another seed) whose worst error there is no worse than that of
-plans; (c) the same, found for each mask by itself; (d) everything in full. It prints a table of errors and
-seconds of the processor on one thread, and keeps what it measures in FOLDER, to go on from there.
+`python -m benchmarks.plans FOLDER [--json FILE] [PICTURE.toml...]` photographs shipped scenes, members of
+families and pictures with depth maps (see `docs.studies.depth_pictures`) through three masks four ways: (a)
+the default plan, looked at for the first time; (b) one fixed simplification for all, the cheapest found on
+validation scenes (members of another seed) whose worst error there is no worse than that of plans; (c) the
+same, found for each mask by itself; (d) everything in full. It prints errors and seconds of the processor on
+one thread, and keeps what it measures in FOLDER: the same code goes on from there.
 """
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import json
 import math
+import shlex
 import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
@@ -25,23 +28,26 @@ import torch
 from torch import Tensor
 
 from edofsim.capture import Fidelity, capture, full_fidelity
+from edofsim.capture.guessed import with_guessed
 from edofsim.core.threads import one_thread
-from edofsim.experiments.kept import Kept
+from edofsim.experiments.kept import Kept, key_of
 from edofsim.experiments.predictions import MASKS, SCENES, camera_of, small_version
 from edofsim.optics import Camera
 from edofsim.optics import cache as psf_memory
 from edofsim.plan import Planner, plan_photo, planner_of, remember
 from edofsim.plan.effect import Level
-from edofsim.recipe import load_scene
+from edofsim.recipe import SceneRecipe, load_scene
+from edofsim.record import record, write_record
 from edofsim.render import render
 from edofsim.render.view import View
 from edofsim.scene.family import member
 
 FRAME = (256, 192, 32)
 """Width, height and samples: the middles of frames. In smaller photos planning counts more."""
+FAMILIES = Path(__file__).parents[1] / "scenes" / "families"
 VALIDATION, VALIDATION_SEED = ("alley", "shelf", "thicket"), 902
-MEMBERS, MEMBERS_SEED = ("blocks", "gallery", "lookout"), 904
-PICTURES = tuple(f"docs/studies/pictures/{name}.toml" for name in ("aloe", "grove3", "tray"))
+MEMBERS_SEED = 906
+"""Of one member of each family; nothing was chosen on them."""
 BANDS = ((1, 2), (1, 0), (2, 2), (2, 0), (3, 2), (4, 0))
 LAYERS = (7, 9, 13, 17, 21, 25, 33)
 PARTS = ((1, 1), (3, 4), (3, 2), (6, 2))
@@ -64,8 +70,18 @@ class Case:
     camera: Camera
 
 
+@dataclass(frozen=True)
+class Planned:
+    """A default plan: PSNR of its photo, what was asked for, seconds of planning and of the photo."""
+
+    db: float
+    asked_db: float
+    planning: float
+    seconds: float
+
+
 class Bench:
-    """Photos of cases, measured once and kept. folder: where."""
+    """Photos of cases, measured once by the same code and kept. folder: where."""
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -73,13 +89,20 @@ class Bench:
 
     def measured(self, case: Case, fidelity: Fidelity) -> tuple[float, float]:
         """PSNR against everything in full, and seconds of the processor."""
-        return self._once(f"{case.name}|{case.mask}|{fidelity!r}", lambda: self._photographed(case, fidelity))
-
-    def planned(self, case: Case) -> tuple[float, float, float]:
-        """PSNR of the default plan, seconds of the processor of planning and of the photo."""
-        key = f"{case.name}|{case.mask}|planned"
+        key = key_of(scene=case.name, mask=case.mask, fidelity=repr(fidelity))
         found = self._kept.get(key)
         if found is None:
+            db, seconds = self._photographed(case, fidelity)
+            found = {"db": db, "seconds": seconds}
+            self._kept.put(key, found)
+        return found["db"], found["seconds"]
+
+    def planned(self, case: Case) -> Planned:
+        """The default plan."""
+        key = key_of(scene=case.name, mask=case.mask)
+        found = self._kept.get(key)
+        if found is None:
+            psf_memory.forget()
             with (
                 tempfile.TemporaryDirectory() as empty,
                 patch.object(remember, "_folder", lambda: Path(empty)),
@@ -88,21 +111,13 @@ class Bench:
                 plan = plan_photo(case.view, case.camera, every_effect=False)
                 taken = time.process_time() - started
             db, seconds = self.measured(case, plan.fidelity)
-            found = {"db": db, "planning": taken, "seconds": seconds}
-            self._kept.put(key, {**found, "asked": plan.asked_db})
-        return found["db"], found["planning"], found["seconds"]
+            found = {"db": db, "planning": taken, "seconds": seconds, "asked_db": plan.asked_db or 0.0}
+            self._kept.put(key, found)
+        return Planned(**found)
 
     def full(self, case: Case) -> float:
         """Seconds of everything in full."""
         return self._truth(case)[1]
-
-    def _once(self, key: str, work: Callable[[], tuple[float, float]]) -> tuple[float, float]:
-        found = self._kept.get(key)
-        if found is None:
-            db, seconds = work()
-            found = {"db": db, "seconds": seconds}
-            self._kept.put(key, found)
-        return found["db"], found["seconds"]
 
     def _photographed(self, case: Case, fidelity: Fidelity) -> tuple[float, float]:
         truth, _ = self._truth(case)
@@ -111,7 +126,7 @@ class Bench:
         return (-10 * math.log10(error) if error else math.inf), seconds
 
     def _truth(self, case: Case) -> tuple[Tensor, float]:
-        path = self._folder / f"{case.name}-{case.mask}.pt"
+        path = self._folder / f"{case.name}-{case.mask}-{key_of()}.pt"
         if not path.is_file():
             torch.save(_timed(case, full_fidelity(case.camera, case.view)), path)
         photo, seconds = torch.load(path)
@@ -200,32 +215,29 @@ def cheapest_preset(bench: Bench, cases: Sequence[Case], limit_db: float) -> dic
     raise SystemExit("no candidate stays within the limit: try more")
 
 
-def cases_of(names: Sequence[tuple[str, int | None]], masks: Sequence[str] = MASKS) -> Iterator[Case]:
-    """Shipped scenes and recipes, or members of families by their seed."""
-    for name, seed in names:
-        path = f"scenes/families/{name}.toml" if seed is not None else name
-        loaded = load_scene(path)
-        recipe = loaded.recipe if seed is None else member(loaded.recipe, seed)
+def cases_of(recipes: Sequence[tuple[SceneRecipe, Path]]) -> Iterator[Case]:
+    """The middles of scenes, with the folders that their recipes lie in, through each mask."""
+    for recipe, base in recipes:
         recipe = small_version(recipe, FRAME)
-        for mask in masks:
+        for mask in MASKS:
             camera = camera_of(mask)
-            try:
-                seen = recipe.seen_at(camera.pixel_angle) if recipe.follows_camera else recipe
-                view = render(seen, loaded.base)
-            except Exception as error:  # a picture that was not downloaded
-                print(f"# left out {name}: {error}", file=sys.stderr)
-                break
-            yield Case(recipe.name, mask, view, camera)
+            seen = recipe.seen_at(camera.pixel_angle) if recipe.follows_camera else recipe
+            yield Case(recipe.name, mask, with_guessed(render(seen, base), camera), camera)
+
+
+def members(families: Sequence[str], seed: int) -> list[tuple[SceneRecipe, Path]]:
+    """One member of each family."""
+    loaded = [load_scene(str(FAMILIES / f"{name}.toml")) for name in families]
+    return [(member(each.recipe, seed), each.base) for each in loaded]
 
 
 def validated(bench: Bench, folder: Path) -> dict[str, dict[str, object]]:
     """The presets by mask, and that for `all`; kept."""
-    path = folder / "presets.json"
+    path = folder / f"presets-{key_of()}.json"
     if path.is_file():
         return json.loads(path.read_text())["presets"]
-    names = [(name, VALIDATION_SEED) for name in VALIDATION]
-    cases = list(cases_of(names))
-    worst = {(case.name, case.mask): bench.planned(case)[0] for case in cases}
+    cases = list(cases_of(members(VALIDATION, VALIDATION_SEED)))
+    worst = {(case.name, case.mask): bench.planned(case).db for case in cases}
     presets = {}
     for group in (*MASKS, "all"):
         own = [case for case in cases if group in (case.mask, "all")]
@@ -236,39 +248,58 @@ def validated(bench: Bench, folder: Path) -> dict[str, dict[str, object]]:
     return presets
 
 
-def main(folder: Path) -> None:
-    """Print the table."""
-    bench = Bench(folder)
+def figures_of(bench: Bench, case: Case, presets: Mapping[str, Preset]) -> dict[str, float]:
+    """Of a case: `psnr_db`, `missed` (1 where it has less than was asked for) and `seconds` by simulation."""
+    full = full_fidelity(case.camera, case.view)
+    plan = bench.planned(case)
+    of_all, of_mask = (bench.measured(case, fitted(presets[group], full)) for group in ("all", case.mask))
+    db = {"plan": plan.db, "one_for_all": of_all[0], "one_a_mask": of_mask[0]}
+    seconds = {"plan": plan.planning + plan.seconds, "planned_before": plan.seconds}
+    seconds |= {"one_for_all": of_all[1], "one_a_mask": of_mask[1], "full": bench.full(case)}
+    found = {f"psnr_db.{name}": value for name, value in db.items()}
+    found |= {f"missed.{name}": float(value < plan.asked_db) for name, value in db.items()}
+    found |= {f"seconds.{name}": value for name, value in seconds.items()}
+    for way in ("one_for_all", "one_a_mask", "full"):
+        found |= {f"times.{way}.{each}": seconds[way] / seconds[each] for each in ("plan", "planned_before")}
+    return {f"{name}.{case.name}.{case.mask}": value for name, value in found.items()}
+
+
+def main() -> None:
+    """Print figures of each case, and of all."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.plans", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("pictures", nargs="*")
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    bench, found = Bench(asked.folder), {}
+    shipped = [load_scene(name) for name in (*SCENES, *asked.pictures)]
+    recipes = [(loaded.recipe, loaded.base) for loaded in shipped]
+    recipes += members(sorted(path.stem for path in FAMILIES.glob("*.toml")), MEMBERS_SEED)
     with one_thread():
-        presets = validated(bench, folder)
-        names = [(name, None) for name in (*SCENES, *PICTURES)] + [(f, MEMBERS_SEED) for f in MEMBERS]
-        rows = []
-        heads = ("scene", "mask", "plan / dB", "s", "planning / s", "one for all / dB", "s")
-        heads += ("one a mask / dB", "s", "full / s")
-        print("| " + " | ".join(heads) + " |")
-        print("|---|---|---|---|---|---|---|---|---|---|")
-        for case in cases_of(names):
-            full = full_fidelity(case.camera, case.view)
-            db, planning, seconds = bench.planned(case)
-            fixed = bench.measured(case, fitted(presets["all"], full))
-            own = bench.measured(case, fitted(presets[case.mask], full))
-            whole = bench.full(case)
-            rows.append((planning + seconds, seconds, fixed[1], own[1], whole, db, fixed[0], own[0]))
-            cells = (db, planning + seconds, planning, *fixed, *own, whole)
-            print(
-                f"| {case.name} | {case.mask} | " + " | ".join(f"{cell:.2f}" for cell in cells) + " |",
-                flush=True,
-            )
-    for name, column in (("one for all", 2), ("by mask", 3), ("full", 4)):
-        for what, plan in (("planning counted", 0), ("planned before", 1)):
-            ratios = [row[column] / row[plan] for row in rows]
-            print(f"{name} takes {statistics.median(ratios):.2f} times as long as the plan, {what} (median)")
+        presets = validated(bench, asked.folder)
+        for case in cases_of(recipes):
+            now = figures_of(bench, case, presets)
+            print(*(f"{name}: {value:.3g}" for name, value in now.items()), sep="\n", flush=True)
+            found |= now
+    for group, preset in presets.items():
+        print(f"{group}: {preset}")
+        found |= {f"preset.{group}.{name}": float(str(value or 0)) for name, value in preset.items()}
+    for name in ("missed", "seconds"):
+        each = [key for key in found if key.startswith(f"{name}.")]
+        for way in dict.fromkeys(key.split(".")[1] for key in each):
+            found[f"{name}_in_all.{way}"] = sum(found[key] for key in each if key.split(".")[1] == way)
+    for key in [key for key in found if "_in_all." in key]:
+        print(f"{key}: {found[key]:.3g}")
+    ratios = [tuple(key.split(".")[1:3]) for key in found if key.startswith("times.")]
+    for way, plan in dict.fromkeys(ratios):
+        values = [value for key, value in found.items() if key.startswith(f"times.{way}.{plan}.")]
         print(
-            f"  in all {sum(row[column] for row in rows):.0f} s against {sum(row[0] for row in rows):.0f} s"
+            f"{way} takes {statistics.median(values):.2f} times as long as {plan} (median of {len(values)})"
         )
-    for name, column in (("plan", 5), ("one for all", 6), ("by mask", 7)):
-        print(f"worst error, {name}: {min(row[column] for row in rows):.1f} dB")
+    if asked.json:
+        typed = shlex.join(["python", "-m", "benchmarks.plans", *sys.argv[1:]])
+        write_record(asked.json, record("plans", figures=found, typed=typed))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main()
