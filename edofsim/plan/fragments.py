@@ -44,13 +44,14 @@ class Tiled:
     tile: Tensor
     node: Tensor
 
-    def transformed(self, window: Tensor | None = None) -> Tiled:
-        """Spectra of these images, under a window [y, x] where one is given: values complex
+    def transformed(self, windows: Tensor | None = None) -> Tiled:
+        """Spectra of these images, under windows where these are given: values complex
         [pair, k, y, x // 2 + 1].
 
-        window: [y, x]; None for none.
+        windows: [tile, y, x]; None for none.
         """
-        return replace(self, values=torch.fft.rfft2(self.values if window is None else self.values * window))
+        seen = self.values if windows is None else self.values * windows[self.tile][:, None]
+        return replace(self, values=torch.fft.rfft2(seen))
 
     def part(self, begin: int, count: int) -> Tiled:
         """This many pairs from one on."""

@@ -36,7 +36,7 @@ def without_field(spectra: Spectra, frame: Frame) -> Errors:
     gathering = spectra.gathering(1, nodes)
     axial = spectra.otfs(spectra.full, gathering, nodes)
     light = spectra.light("channels", spectra.channels, nodes)
-    level = (spectra.response @ spectra.mean)[:, None, None] * spectra.tiles.taper
+    level = (spectra.response @ spectra.mean)[:, None, None]
     squares, area = torch.zeros(len(level), dtype=torch.float64), 0.0
     away = (nodes - 1 / float(focus_distance(spectra.camera, float(gathering.wavelengths.median())))).abs()
     differs = torch.nonzero(away * blur_per_dioptre(spectra.camera) < BLUR_PX).flatten()
@@ -49,9 +49,8 @@ def without_field(spectra: Spectra, frame: Frame) -> Errors:
             change[differs] = bright * otfs_of(Once(), here, spectra.tiles.side, *how) - axial[differs]
         own = light.of_tile(tile)
         seen = spectra.image(nodes, change[:, :, None], replace(own, values=own.values[:, None]))[tile]
-        seen, window = (
-            each[..., rows, columns] for each in (seen + (bright - 1) * level, spectra.tiles.taper)
-        )
+        taper = spectra.tiles.taper[tile]
+        seen, window = (each[..., rows, columns] for each in (seen + (bright - 1) * level * taper, taper))
         amount = float(spectra.tiles.shares[tile]) * window.numel()
         squares += amount * seen.double().square().sum((1, 2)) / float(window.square().sum())
         area += amount

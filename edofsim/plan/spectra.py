@@ -351,7 +351,7 @@ class Spectra:
             tiles, found = cover.summed(changed[:, :, None, None, None])
         image = found.new_zeros(len(self.tiles.shares), *found.shape[1:])
         image[tiles] = found
-        return image * self.tiles.taper
+        return image * self.tiles.taper[:, None]
 
 
 def spectra_of(facts: Facts, full: Fidelity) -> Spectra:

@@ -10,7 +10,7 @@ from edofsim.plan.passing import passing
 from edofsim.plan.tiles import Tiles
 
 TILES, SIDE = 3, 4
-SOME = Tiles(SIDE, SIDE, SIDE, ((0, 0),) * TILES, torch.ones(TILES))
+SOME = Tiles(SIDE, SIDE, SIDE, ((0, 0),) * TILES, torch.ones(TILES), torch.ones(TILES, SIDE, SIDE))
 NODES = torch.tensor([0.0, 1.0, 2.0, 4.0], dtype=torch.float64)
 FRAGMENTS = Fragments(
     which=torch.arange(4),

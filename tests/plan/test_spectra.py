@@ -16,7 +16,7 @@ from edofsim.capture.photograph import sub_aperture_change
 from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.core.once import Once
 from edofsim.optics import Camera, psf_bank
-from edofsim.plan import facts_of
+from edofsim.plan import decibels, facts_of
 from edofsim.plan.coarse import coarse_of, coarser
 from edofsim.plan.effect import Level
 from edofsim.plan.effects import all_effects, depth_layers, window
@@ -219,7 +219,9 @@ def test_at_silhouettes_spectra_see_what_changes_in_photos_with_occlusion(change
 
     def alike(seen: Spectra) -> float:
         found = images(seen, seen.by_psfs(seen.full.changed(change), seen.full)).flatten()
-        return float(torch.nn.functional.cosine_similarity(found, (truth * seen.tiles.taper).flatten(), 0))
+        return float(
+            torch.nn.functional.cosine_similarity(found, (truth * seen.tiles.taper[:, None]).flatten(), 0)
+        )
 
     nothing = Fragments(*(torch.zeros(0, dtype=torch.int64),) * 2, torch.zeros(0, dtype=torch.float64))
     bare = replace(spectra, behind=nothing, before=nothing, _known=Once())
@@ -244,9 +246,27 @@ def test_of_tiles_that_reach_over_the_border_the_part_in_the_frame_counts():
             for top, left in spectra.tiles.corners
         ]
     )[:, None]
-    assert float(spectra.tiles.vector(around * spectra.tiles.taper).square().sum()) == pytest.approx(
+    assert float(spectra.tiles.vector(around * spectra.tiles.taper[:, None]).square().sum()) == pytest.approx(
         1, rel=1e-5
     )
+
+
+def test_a_lamp_counts_in_full_wherever_it_lies():
+    """Each lamp alone: what a narrower window changes is seen right in tiles, next to their borders too."""
+    view = two_depths(96, 200, 3)
+    view = replace(view, inverse_depth=torch.ones_like(view.inverse_depth))
+    for number, x in enumerate(range(30, 170, 10)):
+        light = torch.full((3, 96 + 48, 200 + 48), 0.01)
+        light[:, 24 + 30 + 5 * x % 36, 24 + x] = 100
+        facts = facts_of(replace(view, radiance=light.flatten(1)), CAMERA)
+        spectra, narrow = facts.spectra, facts.full.changed({"window_px": 24})
+        assert len(spectra.tiles.shares) > 4
+        if number == 0:  # so it is for all of them
+            photo = capture(facts.view, CAMERA, facts.full)
+            other = capture(facts.view, CAMERA, narrow, exposure=photo.exposure)
+            truth = decibels(float((other.clean - photo.clean).square().mean().sqrt()))
+        change = spectra.by_psfs(narrow, facts.full)
+        assert decibels(float(change.square().sum(1).mean().sqrt())) == pytest.approx(truth, abs=1)
 
 
 @pytest.mark.parametrize("times", [1, 2, 3])
