@@ -10,6 +10,7 @@ from edofsim.capture.convolution import Grid
 from edofsim.capture.fidelity import SUB_APERTURE_STEP_PX, Fidelity, of_sub_apertures
 from edofsim.capture.light import Light
 from edofsim.capture.occlusion import sub_apertures
+from edofsim.capture.occlusion.hidden import merged
 from edofsim.capture.occlusion.sub_apertures import Slab
 from edofsim.capture.prepare import blur_per_dioptre
 
@@ -48,6 +49,19 @@ def test_a_slab_is_blurred_as_in_the_whole_frame(
 
 def test_small_slabs_take_small_transforms() -> None:
     assert Slab.of(_light(20, 30), GRID, FRAME).place.grid.transform < GRID.transform
+
+
+def test_where_a_sub_aperture_sees_next_to_nothing_it_sees_what_the_pupil_does() -> None:
+    """A hole behind the nearest slab: PSFs that fall below 0 leave light of either sign there, and next to no
+    coverage. Where all is covered, what the pupil sees does not matter."""
+    ringing, hole = torch.tensor([-0.003, 0.002, 0.03]), torch.tensor([0.002, -0.001, 1.0])
+    nearest = torch.zeros(3), torch.tensor([0.0, 0.5, 0.25])
+    slabs = [(each[0][None, None], each[1][None, None]) for each in ((ringing, hole), nearest)]
+    behind = torch.full((1, 1, 3), 0.02)
+    image, past = merged(slabs, 2, behind)
+    assert image.flatten().tolist() == pytest.approx([0.02, 0.01, 0.0225], abs=0.007)
+    assert past.flatten()[2] == pytest.approx(0.03)
+    assert float(merged(slabs, 2)[0].min()) < -1  # light from around, of the whole pupil alone
 
 
 def test_a_fast_lens_has_as_many_nodes_as_its_blur_asks_for():

@@ -160,26 +160,36 @@ def composite(view: View, blurring: Blurring, cut: list[float]) -> Tensor:
         part = shown / view.coverage[which].clamp_min(torch.finfo(shown.dtype).tiny)
         return blurring.slab(view, which, part, shown)
 
-    return merged((blurred(which) for which in reversed(slabs)), len(slabs))
+    return merged((blurred(which) for which in reversed(slabs)), len(slabs))[0]
 
 
-def merged(slabs: Iterable[tuple[Tensor, Tensor]], count: int) -> Tensor:
-    """Blurred light and coverage of `count` slabs, far to near, as one image: [channel, y, x].
+def merged(
+    slabs: Iterable[tuple[Tensor, Tensor]], count: int, behind: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
+    """Blurred light and coverage of `count` slabs, far to near, as one image; and what would be seen without
+    the nearest of them: [channel, y, x] each.
 
     slabs: light and coverage, [channel, y, x] each.
     count: of the slabs.
+    behind: what is seen where little is known behind the nearest slab, [channel, y, x]; None for light from
+        around.
     """
     far_to_near = iter(slabs)
     image, blocked = next(far_to_near)
     coverage = blocked.clamp(0, 1)
+    past = image
     for number, (light, blocked) in enumerate(far_to_near, 2):
         opaque = blocked.clamp(0, 1)
         # What rounding leaves where there is nothing must not be divided, slab after slab, by little
         there = torch.where(coverage > LITTLE, coverage, 1.0)
-        filled = torch.ones_like(there) if number == count else (there / ENOUGH).clamp_max(1.0)
-        image = light + (1 - opaque) * image * filled / there
+        bounded = number < count or behind is not None
+        filled = (there / ENOUGH).clamp_max(1.0) if bounded else torch.ones_like(there)
+        past = image * filled / there
+        if number == count and behind is not None:
+            past = past + (1 - coverage / ENOUGH).clamp_min(0.0) * behind
+        image = light + (1 - opaque) * past
         coverage = opaque + (1 - opaque) * coverage * filled / there
-    return image
+    return image, past
 
 
 def slabs_of(view: View, at: list[float]) -> list[Tensor]:

@@ -5,6 +5,9 @@ the pupil, and is blurred otherwise than by the whole of it. The products of `hi
 over the pupil alone. Composited through each sub-aperture (`optics.sub_aperture_psfs`) and added, the image
 comes nearer to that of rays, the more sub-apertures the nearer. The light and the coverage of each slab are
 transformed once for all of them.
+
+PSFs of sub-apertures fall below 0 in places. Where one sees hardly anything behind the nearest slab, light
+must not be divided by coverage: there it is taken to see what the whole pupil does.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ its PSF may be normalised. Half of it would be too much: in `evaluate occlusion 
 front, 34.7 dB in place of 38.2, and no case is better by it."""
 LEAST_LIGHT = 1e-3
 """Of all light: sub-apertures of less hold nothing but the diffraction of others' borders."""
+TINY = 1e-12
 
 
 def change_by_sub_apertures(
@@ -84,10 +88,14 @@ def _change(
         light = pixels.light(light_of(view, pupil.inverse_depths, which, both))
         slabs.append(Slab.of(light, grid, None if pixels.side > 1 else (view.height, view.width)))
 
-    def one(part: PsfField) -> Tensor:
-        return _composite(slabs, spectra_of(part, pupil, blurring.response), blurring.response)
+    image, past = _composite(slabs, spectra_of(pupil, pupil, blurring.response), blurring.response)
+    change = -image
 
-    change = -one(pupil)
+    def one(part: PsfField) -> Tensor:
+        spectra = spectra_of(part, pupil, blurring.response)
+        light, of_all = (_light_of(each, blurring.response) for each in (part, pupil))
+        behind = (light / of_all.clamp_min(TINY))[:, None, None] * past
+        return _composite(slabs, spectra, blurring.response, behind)[0]
 
     if change.requires_grad or any(part.layer(0).requires_grad for part in through):
         for part in through:  # one at a time is held, and computed again on the way back
@@ -204,9 +212,16 @@ def spectra_of(part: PsfField, pupil: PsfField, response: Tensor) -> Spectra:
     return at
 
 
-def _composite(slabs: Sequence[Slab], psfs: Spectra, response: Tensor) -> Tensor:
-    """[channel, y, x] of the place that is needed, without the light of the nearest slab: nothing hides that,
-    and it adds up to the same through all parts of the pupil. slabs: near to far."""
+def _light_of(part: PsfField, response: Tensor) -> Tensor:
+    """How much a channel sees of white light, a mean over depths: [channel]."""
+    return response @ part.values.sum((-2, -1)).mean(0)
+
+
+def _composite(
+    slabs: Sequence[Slab], psfs: Spectra, response: Tensor, behind: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
+    """As `merged` has them, of the place that is needed, without the light of the nearest slab: nothing hides
+    that, and it adds up to the same through all parts of the pupil. slabs: near to far."""
 
     def blurred(slab: Slab) -> tuple[Tensor, Tensor]:
         spectra, place = slab.spectra, slab.place
@@ -217,7 +232,7 @@ def _composite(slabs: Sequence[Slab], psfs: Spectra, response: Tensor) -> Tensor
         light = summed_products((spectra[node][:-1], through[node][0]) for node in spectra)
         return place.image(mixed(response, light)), opaque
 
-    return merged((blurred(slab) for slab in reversed(slabs)), len(slabs))
+    return merged((blurred(slab) for slab in reversed(slabs)), len(slabs), behind)
 
 
 def has_left(part: PsfField) -> Tensor:

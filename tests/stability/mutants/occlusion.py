@@ -25,6 +25,7 @@ plain = import_module("edofsim.capture.occlusion.none")
 HIDING = ("coverage", "occlusion")
 Compose = Callable[[View, Blurring], Tensor]
 Slabs = Iterable[tuple[Tensor, Tensor]]
+Merged = tuple[Tensor, Tensor]
 
 
 def _composed(compose: Compose, *names: str) -> Callable[[], AbstractContextManager[object]]:
@@ -48,8 +49,8 @@ def _all_told(camera: Camera, across: int) -> float:
     return 1.0
 
 
-def _reversed(inner: Callable[[Slabs, int], Tensor]) -> Callable[[Slabs, int], Tensor]:
-    return lambda slabs, count: inner(reversed(list(slabs)), count)
+def _reversed(inner: Callable[..., Merged]) -> Callable[..., Merged]:
+    return lambda slabs, *how: inner(reversed(list(slabs)), *how)
 
 
 def _visible_alone() -> AbstractContextManager[object]:
@@ -65,8 +66,9 @@ def _visible_alone() -> AbstractContextManager[object]:
 def _merged_as(
     merge: Callable[[list[tuple[Tensor, Tensor]]], Tensor],
 ) -> Callable[[], AbstractContextManager[object]]:
-    def merged(slabs: Slabs, count: int) -> Tensor:
-        return merge(list(slabs))
+    def merged(slabs: Slabs, count: int, behind: Tensor | None = None) -> Merged:
+        image = merge(list(slabs))
+        return image, image
 
     return lambda: together(swapped(hidden, "merged", merged), swapped(sub_apertures, "merged", merged))
 
