@@ -87,12 +87,12 @@ def choose_tiles(view: View, ideal: Tensor, camera: Camera, side: int, seed: int
     down, across = _windows(rows, view.height, side), _windows(columns, view.width, side)
     windows = [(one, other) for one in down for other in across]
     places = [(y, x) for y in rows for x in columns]
-    chance = _chances(view, ideal, camera, places, windows)
     count = min(len(places), max(1, PIXELS // side**2))
-    ticks = (np.arange(count) + np.random.default_rng(seed).random()) / count
-    picked = np.searchsorted(np.cumsum(chance), ticks * chance.sum()) if count < len(places) else range(count)
-    chosen, times = np.unique(np.fromiter(picked, int), return_counts=True)
-    shares = times / chance[chosen] if count < len(places) else np.ones(count)
+    chance = _chances(_amounts(view, ideal, camera, places, windows), count)
+    ends = np.cumsum(chance) * (count / chance.sum())  # rounding must not lose the last
+    picked = np.searchsorted(ends, np.arange(count) + np.random.default_rng(seed).random())
+    chosen = np.arange(count) if count == len(places) else np.unique(picked)
+    shares = 1 / chance[chosen]
     corners = tuple(places[tile] for tile in chosen)
     taper = torch.stack([torch.outer(*windows[tile]) for tile in chosen]).to(torch.float32)
     return Tiles(view.height, view.width, side, corners, torch.from_numpy(shares / shares.sum()), taper)
@@ -120,14 +120,27 @@ def _windows(starts: Sequence[int], length: int, side: int) -> Tensor:
     return window / squares[at.clamp(0, length - 1)].sqrt()
 
 
-def _chances(
+def _chances(amounts: np.ndarray, count: int) -> np.ndarray:
+    """How likely each tile is to be one of `count`, by several amounts [amount, tile] alike: tiles that have
+    most are chosen for certain, and others by what they have of the rest."""
+    chosen = np.zeros(amounts.shape[1], bool)
+    while True:
+        rest = np.where(chosen, 0.0, amounts)
+        shares = [part / part.sum() for part in rest if part.sum() > 0]
+        chance = (count - chosen.sum()) * np.mean(shares, axis=0) if shares else np.zeros(len(chosen))
+        if chance.max() < 1:
+            return np.where(chosen, 1.0, chance)
+        chosen[chance.argmax()] = True
+
+
+def _amounts(
     view: View,
     ideal: Tensor,
     camera: Camera,
     places: Sequence[tuple[int, int]],
     windows: Sequence[tuple[Tensor, Tensor]],
 ) -> np.ndarray:
-    """How likely each tile is to be chosen: a third evenly, the rest by detail and edges."""
+    """What tiles have of pixels, detail and depth edges, [3, tile]."""
     green = ideal.mean(0)
     detail = torch.zeros_like(green)
     detail[1:] += (green[1:] - green[:-1]).square()
@@ -136,15 +149,13 @@ def _chances(
     edges = torch.zeros_like(green)
     edges[1:] += ((depth[1:] - depth[:-1]).abs() > 1).float()
     edges[:, 1:] += ((depth[:, 1:] - depth[:, :-1]).abs() > 1).float()
-    found = np.full(len(places), 1 / len(places))
     side = windows[0][0].numel()
+    found = [np.ones(len(places))]
     for amount in (detail, edges):
         around = pad(amount.double(), (side,) * 4)
-        sums = np.array(
-            [
-                float(down.square() @ around[side + y :, side + x :][:side, :side] @ across.square())
-                for (y, x), (down, across) in zip(places, windows, strict=True)
-            ]
-        )
-        found += sums / sums.sum() if sums.sum() > 0 else 1 / len(places)
-    return found / 3
+        sums = [
+            float(down.square() @ around[side + y :, side + x :][:side, :side] @ across.square())
+            for (y, x), (down, across) in zip(places, windows, strict=True)
+        ]
+        found.append(np.array(sums))
+    return np.stack(found)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
 from edofsim.plan.fragments import Fragments, Tiled, at_nodes
 from edofsim.plan.passing import passing
-from edofsim.plan.tiles import Tiles
+from edofsim.plan.tiles import Tiles, _chances
 
 TILES, SIDE = 3, 4
 SOME = Tiles(SIDE, SIDE, SIDE, ((0, 0),) * TILES, torch.ones(TILES), torch.ones(TILES, SIDE, SIDE))
@@ -81,3 +82,12 @@ def test_what_covers_a_tile_dims_what_lies_behind_it_there():
     wanted[1, 2] = 1 - 0.125 * 0.75
     wanted[0, 2] = wanted[1, 2] - (0.75 * 0.5 + 1.0 * 0.25)
     torch.testing.assert_close(found, wanted[:, :, None, None].expand(-1, -1, SIDE, SIDE))
+
+
+def test_tiles_that_have_most_are_chosen_for_certain():
+    """A lamp that outshines another does not leave it out: what is left is shared among the rest."""
+    amounts = np.array([[1.0] * 8, [900.0, 90.0, 2.0, 2.0, 2.0, 2.0, 2.0, 0.0], [0.0] * 8])
+    chance = _chances(amounts, 4)
+    assert chance[:2].tolist() == [1, 1] and chance.sum() == pytest.approx(4)
+    assert 0 < chance[7] < chance[2] < 1
+    assert _chances(amounts, 8).tolist() == [1] * 8
