@@ -90,11 +90,11 @@ def _change(
 
     image, past = _composite(slabs, spectra_of(pupil, pupil, blurring.response), blurring.response)
     change = -image
+    of_all = _light_of(pupil, blurring.response).clamp_min(TINY)
 
     def one(part: PsfField) -> Tensor:
         spectra = spectra_of(part, pupil, blurring.response)
-        light, of_all = (_light_of(each, blurring.response) for each in (part, pupil))
-        behind = (light / of_all.clamp_min(TINY))[:, None, None] * past
+        behind = (_light_of(part, blurring.response) / of_all)[:, None, None] * past
         return _composite(slabs, spectra, blurring.response, behind)[0]
 
     if change.requires_grad or any(part.layer(0).requires_grad for part in through):
