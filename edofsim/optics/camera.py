@@ -145,8 +145,12 @@ class Camera:
         fixed = self.recipe.psf.oversampling
         if fixed != "auto":
             return fixed
-        cutoff = 2 * self.aperture_radius / (wavelength * self.sensor_distance)
-        return max(FEWEST_A_PIXEL, math.ceil(self.pixel * cutoff - 1e-9))
+        return max(FEWEST_A_PIXEL, math.ceil(self.fringes(wavelength) - 1e-9))
+
+    def fringes(self, wavelength: float) -> float:
+        """Periods along a pixel's side of the finest fringes that the aperture lets through at `wavelength`,
+        in metres."""
+        return self.pixel * 2 * self.aperture_radius / (wavelength * self.sensor_distance)
 
     def with_height(self, height: Tensor | None) -> Camera:
         """The same camera whose mask has another height map; gradients reach it. Samples are as far apart as

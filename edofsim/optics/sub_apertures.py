@@ -92,7 +92,7 @@ def sub_aperture_psfs(
         opening = aperture(camera, grid)
         waves = []
         for wavelength in wavelengths.tolist():
-            samples = coarse_oversampling(camera.oversampling(wavelength), side)
+            samples = coarse_oversampling(camera, wavelength, side)
             how = (dtype, where, side * camera.pixel, samples)
             waves.append(wave_at(camera, opening, wavelength, depths, pixels, *how))
         return waves
@@ -165,9 +165,12 @@ def coarse_window(pixels: int, side: int) -> int:
     return pixels if side == 1 else 2 * math.ceil(pixels // 2 / side) + 1
 
 
-def coarse_oversampling(fine: int, side: int) -> int:
-    """Samples along a pixel of `side` for this many along one of the camera's."""
-    return fine if side == 1 else math.ceil(side * fine / COARSER)
+def coarse_oversampling(camera: Camera, wavelength: float, side: int) -> int:
+    """Samples along a pixel of `side` at `wavelength` [m]: as far apart as `COARSER` says, and still one for
+    each period of the finest fringes, without which parts of the pupil have too much or too little light."""
+    fine = camera.oversampling(wavelength)
+    fringes = math.ceil(side * camera.fringes(wavelength) - 1e-9)
+    return fine if side == 1 else max(math.ceil(side * fine / COARSER), min(side * fine, fringes))
 
 
 def windows_along(grid: PupilGrid, across: int) -> Tensor:

@@ -129,7 +129,7 @@ def work_of(
     of_parts = (fidelity.occlusion, fidelity.sub_apertures, fidelity.sub_aperture_pixel)
     parts, held = shape.counted.get(
         ("parts", window, few, *of_parts, *optics),
-        lambda: _parts_of(shape, camera, coarse, window, few, samples, finest),
+        lambda: _parts_of(shape, camera, coarse, window, few, samples),
     )
     fragments = shape.fragments * _frame(shape, window) / math.prod(shape.padded_shape)
     pixels = 3.0 * shape.height * shape.width
@@ -280,7 +280,7 @@ def _boxes(shape: Shape, reach: int, side: int = 1) -> Tensor:
 
 
 def _parts_of(
-    shape: Shape, camera: Camera, coarse: Fidelity, window: int, layers: int, samples: int, finest: int
+    shape: Shape, camera: Camera, coarse: Fidelity, window: int, layers: int, samples: int
 ) -> tuple[Amounts, float]:
     """Amounts of compositing sub-apertures, and the bytes of their PSFs and light. coarse: see
     `of_sub_apertures`."""
@@ -293,7 +293,8 @@ def _parts_of(
     if coarse.pupil_sampling_um is None and pupil_is_free(camera):
         grids = _coarse_grids(shape, camera, coarse, window, layers)
     width = coarse_window(window, side)
-    out = (width * coarse_oversampling(finest, side) + 2) / 2
+    middle = shape.wavelengths[len(shape.wavelengths) // 2]
+    out = (width * coarse_oversampling(simpler_camera(camera, coarse), middle, side) + 2) / 2
     along = sum(
         across * colours * (samples**2 + depths * out * (samples / 2) ** 2)
         + count * colours * depths * out**2 * samples / 2

@@ -14,7 +14,15 @@ from edofsim.capture.convolution import Grid
 from edofsim.capture.occlusion.sub_apertures import spectra_of
 from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.errors import InputError
-from edofsim.optics import Camera, PsfField, between_part_variance, plan_sampling, psf_bank, sub_aperture_psfs
+from edofsim.optics import (
+    Camera,
+    PsfField,
+    between_part_variance,
+    focus_distance,
+    plan_sampling,
+    psf_bank,
+    sub_aperture_psfs,
+)
 from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.masks.clear import ClearMask
 from edofsim.optics.masks.cubic import CubicMask
@@ -99,6 +107,20 @@ def test_parts_in_pixels_three_times_as_wide_are_sums_over_fine_ones():
         found = other[..., middle : middle + 17, middle : middle + 17]
         assert (found - sums).abs().max() < 3e-3
         assert (found - sums).sum((-1, -2)).abs().max() < 3e-3
+
+
+@pytest.mark.parametrize("side", [2, 3, 4])
+@pytest.mark.parametrize("nm", [420, 450, 543])
+def test_parts_have_all_their_light_in_focus(side: int, nm: float):
+    """In coarse pixels too, however sharp the PSF of the whole pupil is."""
+    camera = Camera.from_recipe(load_camera("paper-clear").recipe)
+    sharp = 1 / float(focus_distance(camera, 1e-9 * nm))
+    how = {"window_px": 64, "dtype": torch.float64}
+    fine, coarse = (
+        [float(part.sum()) for part in sub_aperture_psfs(camera, [1e-9 * nm], [sharp], 6, side=n, **how)]
+        for n in (1, side)
+    )
+    assert coarse == pytest.approx(fine, rel=3e-3)
 
 
 @pytest.mark.parametrize("side", [1, 2])
