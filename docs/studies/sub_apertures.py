@@ -47,7 +47,7 @@ def shares(view: View, camera: Camera) -> Mapping[str, float]:
 
     best = photo(full, 1)
     change = _size(_per_pixel(best - photo(1, 1)))
-    (seen,) = photo_changes(facts, [{"sub_apertures": 1}], sub_apertures=FEWER)
+    (seen,) = photo_changes(facts, [{"sub_apertures": 1}], sub_apertures=full)
     finest = {"sub_apertures": full}
     asked = [{"sub_apertures": n, "sub_aperture_pixel": 1} for n in (1, FEWER)]
     asked += [finest | {"sub_aperture_pixel": side} for side in SIDES]

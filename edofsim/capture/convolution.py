@@ -67,18 +67,18 @@ def add_convolved(total: Tensor | None, light: Tensor, psf: Tensor, weights: Ten
 
 
 def mixed(weights: Tensor, spectra: Tensor) -> Tensor:
-    """Real weights [channel, n] of spectra [n, ky, kx]: their sums, [channel, ky, kx].
+    """Real weights [channel, n] of spectra [..., n, ky, kx]: their sums, [..., channel, ky, kx].
 
     weights: [channel, n], real.
-    spectra: [n, ky, kx], complex.
+    spectra: [..., n, ky, kx], complex.
     """
-    n, *shape = spectra.shape
+    *several, n, rows, columns = spectra.shape
     own = weights.diagonal()
     if len(weights) == n and int(weights.count_nonzero()) == int(own.count_nonzero()):
         return spectra * own[:, None, None]
     # a real matrix on interleaved real and imaginary parts: half the work of a complex one
-    parts = torch.view_as_real(spectra).reshape(n, -1)
-    return torch.view_as_complex((weights @ parts).reshape(-1, *shape, 2))
+    parts = torch.view_as_real(spectra).reshape(*several, n, -1)
+    return torch.view_as_complex((weights @ parts).reshape(*several, -1, rows, columns, 2))
 
 
 def summed_products(pairs: Iterable[tuple[Tensor, Tensor]]) -> Tensor:

@@ -157,8 +157,12 @@ class _Apart:
 
 
 @pytest.mark.parametrize("margin", [MARGIN, MARGIN + 3])
-def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, monkeypatch, margin):
-    """Spectra that parts and slabs share, against each part composited from the start; in tiles and whole."""
+@pytest.mark.parametrize("together", [False, True])
+def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, monkeypatch, margin, together):
+    """Spectra that parts and slabs share, against each part composited from the start; in tiles and whole,
+    slabs transformed together and by themselves."""
+    small = math.inf if together else 0
+    monkeypatch.setattr(sys.modules[change_by_sub_apertures.__module__], "SMALL_FRAME", small)
     torch.set_num_threads(3)  # parts are shared out among threads
     sheets, depths = surfaces(bench, 3)
     response = torch.rand(3, BANDS, generator=torch.Generator().manual_seed(2), dtype=torch.float64)

@@ -11,7 +11,7 @@ from edofsim.capture.fidelity import SUB_APERTURE_STEP_PX, Fidelity, of_sub_aper
 from edofsim.capture.light import Light
 from edofsim.capture.occlusion import sub_apertures
 from edofsim.capture.occlusion.hidden import merged
-from edofsim.capture.occlusion.sub_apertures import Slab
+from edofsim.capture.occlusion.sub_apertures import Slabs
 from edofsim.capture.prepare import blur_per_dioptre
 
 GRID = Grid(50, 60, 12, 16)
@@ -36,8 +36,8 @@ def test_a_slab_is_blurred_as_in_the_whole_frame(
     expected = expected[16 + top : 16 + top + rows, 16 + left : 16 + left + columns]
 
     def blurred() -> torch.Tensor:
-        slab = Slab.of(_light(y, x), GRID, frame)
-        return slab.place.image(slab.spectra[0] * torch.fft.rfft2(psf, s=slab.place.grid.transform))
+        slab = Slabs.of([_light(y, x)], GRID, frame)
+        return slab.place.image(slab.spectra[0][1][0] * torch.fft.rfft2(psf, s=slab.place.grid.transform))
 
     found = blurred()
     assert found.shape == (2, rows, columns)
@@ -48,7 +48,7 @@ def test_a_slab_is_blurred_as_in_the_whole_frame(
 
 
 def test_small_slabs_take_small_transforms() -> None:
-    assert Slab.of(_light(20, 30), GRID, FRAME).place.grid.transform < GRID.transform
+    assert Slabs.of([_light(20, 30)], GRID, FRAME).place.grid.transform < GRID.transform
 
 
 def test_where_a_sub_aperture_sees_next_to_nothing_it_sees_what_the_pupil_does() -> None:

@@ -483,20 +483,27 @@ def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known_or_gues
         assert capture(scene(STEP, hidden=True), CAMERA, plan.fidelity).how.sub_apertures == parts
 
 
-def test_few_parts_are_not_trusted_where_two_and_three_show_the_same_by_luck(
-    monkeypatch: pytest.MonkeyPatch,
-):
-    """Through a mask 3 x 3 are taken to leave out a share, even where 2 x 2 show all that they do."""
+def test_what_few_parts_leave_out_is_seen_through_all_of_them(monkeypatch: pytest.MonkeyPatch):
+    """A coarse photo through all parts tells; where 3 x 3 err too much in any case it is not taken."""
     camera = Camera.from_recipe(load_camera("paper-cubic").recipe)
     facts = facts_of(scene(STEP, hidden=True), camera)
-    shown = torch.ones(3, facts.coarse.view.height * facts.coarse.view.width)
-    alike = {1: shown, sub_apertures.FEWEST: 0 * shown}
-    monkeypatch.setattr(
-        sub_apertures, "photo_changes", lambda facts, few, **_: [alike[each["sub_apertures"]] for each in few]
-    )
-    coarse = [level for level in sub_apertures.levels(facts) if level.change.get("sub_apertures") == 3]
-    whole, *some = map(rms, sub_apertures.differences(facts, [sub_apertures.levels(facts)[0], *coarse]))
-    assert len(some) == 2 and all(overall(each) >= 0.33 * overall(whole) for each in some)
+    full, shape = facts.full.sub_apertures, (3, facts.coarse.view.height * facts.coarse.view.width)
+    by_few, by_all, left_out = torch.full(shape, 0.5), torch.ones(shape), torch.full(shape, 0.4)
+    changes = {(1, 3): by_few, (1, full): by_all, (3, full): left_out}
+    asked: list[int] = []
+
+    def changed(facts: object, few: list[dict[str, int]], sub_apertures: int) -> list[torch.Tensor]:
+        asked.append(sub_apertures)
+        return [changes[each["sub_apertures"], sub_apertures] for each in few]
+
+    monkeypatch.setattr(sub_apertures, "photo_changes", changed)
+    levels = sub_apertures.levels(facts)
+    few = next(level for level in levels if level.change["sub_apertures"] == 3)
+    whole, some = map(rms, sub_apertures.differences(facts, [levels[0], few]))
+    assert asked == [3, full] and whole == pytest.approx(rms(by_all / sub_apertures.SEEN))
+    assert 0.4 * overall(whole) <= overall(some) < 0.7 * overall(whole)
+    sub_apertures.differences(replace(facts, allowed=0.01 * overall(rms(by_few))), [levels[0], few])
+    assert asked == [3, full, 3]
 
 
 @pytest.mark.parametrize("times", [1, 4, 5, 12])

@@ -12,7 +12,8 @@ must not be divided by coverage: there it is taken to see what the whole pupil d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -39,6 +40,9 @@ front, 34.7 dB in place of 38.2, and no case is better by it."""
 LEAST_LIGHT = 1e-3
 """Of all light: sub-apertures of less hold nothing but the diffraction of others' borders."""
 TINY = 1e-12
+SMALL_FRAME = 1 << 15
+"""Pixels of the transforms of frames that are small: their slabs are transformed together, in fewer calls. In
+larger ones that takes longer, as each slab then has a part of the frame of its own."""
 
 
 def change_by_sub_apertures(
@@ -79,14 +83,14 @@ def _change(
     """[channel, y, x] of the frame."""
     pupil = blurring.psfs
     grid = pixels.grid(*view.padded_shape, view.margin, pupil.window)
-    slabs = []
+    lights = []
     for which in slabs_of(view, cut):
         shown = revealed(view, which)
         share = shown / view.coverage[which].clamp_min(torch.finfo(shown.dtype).tiny)
         shine = view.radiance.index_select(1, which) * share
         both = torch.cat([shine, shown[None]])
-        light = pixels.light(light_of(view, pupil.inverse_depths, which, both))
-        slabs.append(Slab.of(light, grid, None if pixels.side > 1 else (view.height, view.width)))
+        lights.append(pixels.light(light_of(view, pupil.inverse_depths, which, both)))
+    slabs = in_stacks(lights, grid, None if pixels.side > 1 else (view.height, view.width))
 
     image, past = _composite(slabs, spectra_of(pupil, pupil, blurring.response), blurring.response)
     change = -image
@@ -135,24 +139,31 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Slab:
-    """The light of a slab in each band, and what it covers, [band + 1, ky, kx], by depth node; and where its
-    blurred images are needed."""
+class Slabs:
+    """Some slabs, near to far, and where their blurred images are needed.
 
-    spectra: dict[int, Tensor]
+    spectra: the light in each band, and what is covered, by depth node: the first of the slabs that have
+        light there, and [slab, band + 1, ky, kx] from it on.
+    """
+
+    count: int
+    spectra: dict[int, tuple[int, Tensor]]
     place: Place
 
     @classmethod
-    def of(cls, light: Light, grid: Grid, frame: tuple[int, int] | None) -> Slab:
-        """Transformed in the part of the padded frame that its blur reaches.
+    def of(cls, lights: Sequence[Light], grid: Grid, frame: tuple[int, int] | None) -> Slabs:
+        """Transformed in the part of the padded frame that the blur of the one reaches, in all of it for
+        several.
 
-        grid: of all of that.
+        lights: of each slab.
+        grid: of all of the padded frame.
         frame: the rows and columns within its margin that are needed, None for all of it, to be interpolated
             between.
         """
         inset = grid.margin if frame else 0
         rows, columns = frame or (grid.rows, grid.columns)
-        box = box_of(light, grid.window) or Box(0, 0, grid.rows, grid.columns)
+        everywhere = Box(0, 0, grid.rows, grid.columns)
+        box = everywhere if len(lights) > 1 else box_of(lights[0], grid.window) or everywhere
         whole = (box.rows, box.columns) == (grid.rows, grid.columns)
         margin = grid.margin if whole else min(grid.margin, grid.window // 2)
         within = Grid(box.rows, box.columns, margin, grid.window)
@@ -160,11 +171,54 @@ class Slab:
         left, before, wide = _met(box.left, box.columns, inset, columns)
         padding = (before, columns - before - wide, above, rows - above - high)
         centre = grid.window // 2
-        here = box.light(light)
-        return cls(
-            {node: spectrum(here.at_node(node), within) for node in here.occupied_nodes()},
-            Place(within, centre + top, centre + left, high, wide, padding),
-        )
+        spectra: dict[int, tuple[int, Tensor]] = {}
+        here = [box.light(light) for light in lights]
+        for node in sorted({node for light in here for node in light.occupied_nodes()}):
+            there = [number for number, light in enumerate(here) if node in light.occupied_nodes()]
+            images = torch.stack([here[k].at_node(node) for k in range(there[0], there[-1] + 1)])
+            spectra[node] = there[0], spectrum(images, within)
+        return cls(len(lights), spectra, Place(within, centre + top, centre + left, high, wide, padding))
+
+    def blurred(self, psfs: dict[int, tuple[Tensor, Tensor]], response: Tensor) -> tuple[Tensor, Tensor]:
+        """The images of light and coverage, [slab, channel, y, x] each.
+
+        psfs: of each node, [band, ky, kx] and [channel, ky, kx], as of `Spectra`.
+        response: [channel, band].
+        """
+        light = mixed(response, self._summed(psfs, slice(None, -1), 0))
+        return self._images(light), self.covers(psfs)
+
+    def covers(self, psfs: dict[int, tuple[Tensor, Tensor]]) -> Tensor:
+        """The images of coverage alone, [slab, channel, y, x].
+
+        psfs: of each node, [band, ky, kx] and [channel, ky, kx].
+        """
+        return self._images(self._summed(psfs, slice(-1, None), 1))
+
+    def _images(self, spectra: Tensor) -> Tensor:
+        return self.place.image(spectra.flatten(0, 1)).unflatten(0, (self.count, -1))
+
+    def _summed(self, psfs: dict[int, tuple[Tensor, Tensor]], bands: slice, which: int) -> Tensor:
+        """Over nodes, [slab, band, ky, kx]; which: of the two PSFs of a node."""
+        pairs = [
+            (first, own[:, bands], psfs[node][which][None]) for node, (first, own) in self.spectra.items()
+        ]
+        if self.count == 1:
+            return summed_products((own, psf) for _, own, psf in pairs)
+        _, own, psf = pairs[0]
+        total = own.new_zeros(self.count, *psf.shape[1:])
+        for first, own, psf in pairs:
+            total[first : first + len(own)].addcmul_(own, psf)
+        return total
+
+
+def in_stacks(lights: Sequence[Light], grid: Grid, frame: tuple[int, int] | None) -> list[Slabs]:
+    """Slabs, near to far, in one stack where the frame is small, and else each by itself.
+
+    lights, grid, frame: as of `Slabs.of`.
+    """
+    together = len(lights) if math.prod(grid.transform) <= SMALL_FRAME else 1
+    return [Slabs.of(lights[k : k + together], grid, frame) for k in range(0, len(lights), together)]
 
 
 def _met(first: int, count: int, begin: int, needed: int) -> tuple[int, int, int]:
@@ -218,21 +272,24 @@ def _light_of(part: PsfField, response: Tensor) -> Tensor:
 
 
 def _composite(
-    slabs: Sequence[Slab], psfs: Spectra, response: Tensor, behind: Tensor | None = None
+    stacks: Sequence[Slabs], psfs: Spectra, response: Tensor, behind: Tensor | None = None
 ) -> tuple[Tensor, Tensor]:
     """As `merged` has them, of the place that is needed, without the light of the nearest slab: nothing hides
-    that, and it adds up to the same through all parts of the pupil. slabs: near to far."""
+    that, and it adds up to the same through all parts of the pupil. stacks: near to far."""
 
-    def blurred(slab: Slab) -> tuple[Tensor, Tensor]:
-        spectra, place = slab.spectra, slab.place
-        through = psfs(spectra, place.grid)
-        opaque = place.image(summed_products((spectra[node][-1:], through[node][1]) for node in spectra))
-        if slab is slabs[0]:
-            return torch.zeros_like(opaque), opaque
-        light = summed_products((spectra[node][:-1], through[node][0]) for node in spectra)
-        return place.image(mixed(response, light)), opaque
+    def blurred() -> Iterator[tuple[Tensor, Tensor]]:
+        for stack in reversed(stacks):
+            through = psfs(stack.spectra, stack.place.grid)
+            if stack is stacks[0] and stack.count == 1:
+                opaque = stack.covers(through)
+                light = torch.zeros_like(opaque)
+            else:
+                light, opaque = stack.blurred(through, response)
+            for k in reversed(range(stack.count)):
+                nearest = stack is stacks[0] and k == 0
+                yield torch.zeros_like(light[k]) if nearest else light[k], opaque[k]
 
-    return merged((blurred(slab) for slab in reversed(slabs)), len(slabs), behind)
+    return merged(blurred(), sum(stack.count for stack in stacks), behind)
 
 
 def has_left(part: PsfField) -> Tensor:

@@ -9,25 +9,23 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ...capture.fidelity import FULL_SUB_APERTURES
-from ..effect import Effect, Level
-from ..facts import Facts, photo_changes
+from ..effect import Effect, Level, overall
+from ..facts import Facts, photo_changes, rms
 
 FEWER = 3
-SEEN = 0.75
-"""Of what sub-apertures change, what a coarse photo through 3 x 3 shows."""
-FEWEST = 2
-LEFT_BY_FEWER = 0.6
-"""What 3 x 3 leave out, of what 2 x 2 leave out of what 3 x 3 show."""
-LEAST_LEFT_BY_FEWER = 0.33
-"""At least, through a mask: 2 x 2 and 3 x 3 may show the same there, and 6 x 6 something else."""
+SEEN = 0.85
+SEEN_BY_FEWER = 0.75
+"""Of what sub-apertures change, what a coarse photo through all of them shows, and one through 3 x 3."""
+USUALLY_LEFT = 0.1, 0.3
+"""Share of the change that 3 x 3 leave out in most scenes, or more, without and with a mask. Where that is
+too much, nothing is photographed through all of them."""
 LEFT_BY_COARSE = 1.7, 1.2, 0.064
 """And what pixels this many times as wide leave out of the change: the first times what averages over pixels
 of another width leave out, times the ratio of the widths to the power of the second; and at least the third
 times the root of the width.
 
-Those of coarse pixels are from whole frames of six shipped scenes and members 902 of families, the others
-from middles of shipped scenes, which `python -m docs.studies.sub_apertures` shows all of."""
+They are from whole frames of six shipped scenes and members 902 of families, the others from middles of
+shipped scenes, which `python -m docs.studies.sub_apertures` shows all of."""
 
 
 def absent(facts: Facts) -> str:
@@ -58,19 +56,18 @@ def why(facts: Facts) -> str:
 
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
-    """Of coarse photos. What coarse pixels leave out follows from how fine the change is that they show, and
-    what `FEWER` sub-apertures leave out from what `FEWEST` do."""
+    """Of coarse photos, which show what fewer sub-apertures leave out. What coarse pixels do follows from how
+    fine the change is."""
     full = facts.full.sub_apertures
-    most = min(FEWER, full)
-    (seen,) = photo_changes(facts, [{"sub_apertures": 1}], sub_apertures=most)
-    whole = seen / SEEN
-    least = LEAST_LEFT_BY_FEWER if facts.camera.has_mask else 0.0
-    fewer = least
+    few = min(FEWER, full)
+    (seen,) = photo_changes(facts, [{"sub_apertures": 1}], sub_apertures=few)
+    whole, fewer = seen / SEEN_BY_FEWER, USUALLY_LEFT[facts.camera.has_mask]
     insisted = len(levels) >= len(EFFECT.levels(facts))
-    if most < full and (insisted or least * _size(whole) <= facts.allowed):  # else they err too much
-        (fewest,) = photo_changes(facts, [{"sub_apertures": FEWEST}], sub_apertures=most)
-        fewer = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
-        fewer = max(least, fewer * _size(fewest) / max(_size(seen), 1e-30))
+    if few == full:
+        whole = seen / SEEN
+    elif insisted or fewer * overall(rms(whole)) <= facts.allowed:
+        seen, left_out = photo_changes(facts, [{"sub_apertures": n} for n in (1, few)], sub_apertures=full)
+        whole, fewer = seen / SEEN, _size(left_out) / max(_size(seen), 1e-30)
     coarse = facts.coarse
     fine = _finer_than(2, seen.unflatten(1, (coarse.view.height, coarse.view.width)))
 
@@ -78,10 +75,10 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
         across = level.change["sub_apertures"]
         if across == 1:
             return whole
-        if across not in (most, full):  # what a user insists on
-            return photo_changes(facts, [{"sub_apertures": across}], sub_apertures=most)[0]
+        if across not in (few, full):  # what a user insists on
+            return photo_changes(facts, [{"sub_apertures": across}], sub_apertures=full)[0] / SEEN
         side = level.change.get("sub_aperture_pixel", 1)
-        return whole * math.hypot(fewer if across == most else 0.0, _left_by(side, fine, 2 * coarse.times))
+        return whole * math.hypot(fewer if across < full else 0.0, _left_by(side, fine, 2 * coarse.times))
 
     return [left(level) for level in levels]
 
