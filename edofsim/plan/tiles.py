@@ -29,7 +29,7 @@ class Tiles:
 
     side: in pixels.
     corners: (top, left) of each, some of which begin before the frame or end behind it.
-    shares: [tile] in a mean over the frame, float64; they sum to 1.
+    shares: [tile], float64: how many of the frame's tiles each stands for.
     taper: the window [tile, y, x] that the light of each is seen under. Squares of the windows of all tiles
         that a frame has sum to 1 at each of its pixels, so that a lamp counts alike wherever it lies.
     """
@@ -53,8 +53,7 @@ class Tiles:
     @cached_property
     def scale(self) -> Tensor:
         """Of tiles in a vector, [tile, 1, 1]."""
-        seen = self.shares.double() @ (self.inside * self.taper.square()).double().sum((1, 2))
-        return (self.shares / seen).sqrt().to(torch.float32)[:, None, None]
+        return (self.shares / (self.height * self.width)).sqrt().to(torch.float32)[:, None, None]
 
     def vector(self, change: Tensor) -> Tensor:
         """A change [tile, channel, y, x] as a vector [channel, n]: its sum of squares over n is the mean
@@ -80,7 +79,8 @@ def choose_tiles(view: View, ideal: Tensor, camera: Camera, side: int, seed: int
     """Tiles of `side` pixels that stand for a view's frame.
 
     ideal: [channel, y, x] of it. Tiles with detail and depth edges are more likely to be among them, and
-        count less each.
+        count less each. All together they stand for as much detail as the frame has (a ratio estimate: what
+        blur changes grows with it).
     """
     beyond = min(side // 4, view.margin)
     rows, columns = (_starts(length, side, beyond) for length in (view.height, view.width))
@@ -88,14 +88,18 @@ def choose_tiles(view: View, ideal: Tensor, camera: Camera, side: int, seed: int
     windows = [(one, other) for one in down for other in across]
     places = [(y, x) for y in rows for x in columns]
     count = min(len(places), max(1, PIXELS // side**2))
-    chance = _chances(_amounts(view, ideal, camera, places, windows), count)
+    amounts = _amounts(view, ideal, camera, places, windows)
+    chance = _chances(amounts, count)
     ends = np.cumsum(chance) * (count / chance.sum())  # rounding must not lose the last
     picked = np.searchsorted(ends, np.arange(count) + np.random.default_rng(seed).random())
     chosen = np.arange(count) if count == len(places) else np.unique(picked)
     shares = 1 / chance[chosen]
+    pixels, detail, _ = amounts
+    told = detail if detail[chosen].any() else pixels
+    shares *= told.sum() / (shares @ told[chosen])
     corners = tuple(places[tile] for tile in chosen)
     taper = torch.stack([torch.outer(*windows[tile]) for tile in chosen]).to(torch.float32)
-    return Tiles(view.height, view.width, side, corners, torch.from_numpy(shares / shares.sum()), taper)
+    return Tiles(view.height, view.width, side, corners, torch.from_numpy(shares), taper)
 
 
 def _starts(length: int, side: int, beyond: int) -> list[int]:

@@ -16,7 +16,7 @@ from edofsim.capture.photograph import sub_aperture_change
 from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.core.once import Once
 from edofsim.optics import Camera, psf_bank
-from edofsim.plan import decibels, facts_of
+from edofsim.plan import decibels, facts_of, tiles
 from edofsim.plan.coarse import coarse_of, coarser
 from edofsim.plan.effect import Level
 from edofsim.plan.effects import all_effects, depth_layers, window
@@ -429,3 +429,25 @@ def test_samples_within_pixels_are_seen_in_every_band():
     whole, simpler = (capture(view, camera, each.of_photo()).clean for each in (facts.full, one))
     predicted = float(facts.spectra.by_psfs(one, facts.full).double().square().sum(1).mean().sqrt())
     assert predicted == pytest.approx(float((simpler - whole).square().mean().sqrt()), rel=0.03)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_tiles_that_are_drawn_have_the_detail_of_the_frame(monkeypatch: pytest.MonkeyPatch, seed: int):
+    """Whichever they are: what blur changes grows with it. A frame without any counts by its tiles."""
+    monkeypatch.setattr(tiles, "PIXELS", 4 * 48**2)
+    view, side = two_depths(150, 260, 3), 48
+    draw = torch.Generator().manual_seed(5)
+    ideal = torch.rand(3, 150, 260, generator=draw) * (torch.arange(260) / 260) ** 4
+    green, detail = ideal.mean(0), torch.zeros(150, 260)
+    detail[1:] += green.diff(dim=0).square()
+    detail[:, 1:] += green.diff(dim=1).square()
+    around = torch.nn.functional.pad(detail.double(), (side,) * 4)
+    found = tiles.choose_tiles(view, ideal, CAMERA, side, seed)
+    assert len(found.corners) == 4
+    seen = [
+        float((around[side + top :, side + left :][:side, :side] * taper.square()).sum())
+        for (top, left), taper in zip(found.corners, found.taper, strict=True)
+    ]
+    assert float(found.shares @ torch.tensor(seen).double()) == pytest.approx(float(detail.sum()), rel=1e-4)
+    flat = tiles.choose_tiles(view, torch.ones_like(ideal), CAMERA, side, seed)
+    assert float(flat.shares.sum()) == pytest.approx(5 * 8)
