@@ -95,8 +95,8 @@ def choose_tiles(view: View, ideal: Tensor, camera: Camera, side: int, seed: int
     chosen = np.arange(count) if count == len(places) else np.unique(picked)
     shares = 1 / chance[chosen]
     pixels, detail, _ = amounts
-    told = detail if detail[chosen].any() else pixels
-    shares *= told.sum() / (shares @ told[chosen])
+    amount = detail if detail[chosen].any() else pixels
+    shares *= amount.sum() / (shares @ amount[chosen])
     corners = tuple(places[tile] for tile in chosen)
     taper = torch.stack([torch.outer(*windows[tile]) for tile in chosen]).to(torch.float32)
     return Tiles(view.height, view.width, side, corners, torch.from_numpy(shares), taper)
