@@ -145,12 +145,7 @@ class Camera:
         fixed = self.recipe.psf.oversampling
         if fixed != "auto":
             return fixed
-        return max(FEWEST_A_PIXEL, math.ceil(self.fringes(wavelength) - 1e-9))
-
-    def fringes(self, wavelength: float) -> float:
-        """Periods along a pixel's side of the finest fringes that the aperture lets through at `wavelength`,
-        in metres."""
-        return self.pixel * 2 * self.aperture_radius / (wavelength * self.sensor_distance)
+        return max(FEWEST_A_PIXEL, math.ceil(self.pixel * cutoff_frequency(self, wavelength) - 1e-9))
 
     def with_height(self, height: Tensor | None) -> Camera:
         """The same camera whose mask has another height map; gradients reach it. Samples are as far apart as
@@ -310,6 +305,11 @@ def defocus(camera: Camera, wavelengths: Tensor | float, inverse_depths: Tensor 
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64)
     vergence = inverse_depths + 1 / camera.sensor_distance - 1 / focal_length(camera, wavelengths)
     return math.pi / wavelengths * vergence * camera.aperture_radius**2
+
+
+def cutoff_frequency(camera: Camera, wavelength: float) -> float:
+    """Frequency [1/m on the sensor] beyond which incoherent light carries nothing: 2 r / (lambda z_i)."""
+    return 2 * camera.aperture_radius / (wavelength * camera.sensor_distance)
 
 
 def defocus_per_dioptre(camera: Camera, wavelength: float) -> float:

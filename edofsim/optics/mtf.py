@@ -11,7 +11,7 @@ import torch
 from scipy.fft import dct, next_fast_len
 from torch import Tensor
 
-from .camera import Camera, defocus
+from .camera import Camera, cutoff_frequency, defocus
 from .grid import PupilGrid
 from .pupil import aperture, bent, chirp, pupil_function
 from .sampling import plan_sampling
@@ -30,11 +30,6 @@ LARGE_PUPIL = 4096
 for, without the margin of the paper's bound."""
 MIRRORED = 1e-12
 """Largest difference of pupils from their mirror images that is rounding."""
-
-
-def cutoff_frequency(camera: Camera, wavelength: float) -> float:
-    """Frequency [1/m on the sensor] beyond which incoherent light carries nothing: 2 r / (lambda z_i)."""
-    return 2 * camera.aperture_radius / (wavelength * camera.sensor_distance)
 
 
 def otf(

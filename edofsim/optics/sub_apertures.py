@@ -21,7 +21,7 @@ from torch import Tensor
 
 from ..core.threads import in_threads
 from ..errors import InputError
-from .camera import Camera
+from .camera import Camera, cutoff_frequency
 from .grid import PupilGrid
 from .masks import Mask, mask_amplitude
 from .propagation import Part, Wave, propagate, shared_energies
@@ -169,7 +169,7 @@ def coarse_oversampling(camera: Camera, wavelength: float, side: int) -> int:
     """Samples along a pixel of `side` at `wavelength` [m]: as far apart as `COARSER` says, and still one for
     each period of the finest fringes, without which parts of the pupil have too much or too little light."""
     fine = camera.oversampling(wavelength)
-    fringes = math.ceil(side * camera.fringes(wavelength) - 1e-9)
+    fringes = math.ceil(side * camera.pixel * cutoff_frequency(camera, wavelength) - 1e-9)
     return fine if side == 1 else max(math.ceil(side * fine / COARSER), min(side * fine, fringes))
 
 

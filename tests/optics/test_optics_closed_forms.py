@@ -13,8 +13,9 @@ from scipy.special import j1, jv
 from torch import Tensor
 
 from edofsim.optics import Camera, defocus, focus_distance, psf_bank
+from edofsim.optics.camera import cutoff_frequency
 from edofsim.optics.grid import PupilGrid, disc_coverage
-from edofsim.optics.mtf import _focal_planes, cutoff_frequency, mtf, otf, strehl
+from edofsim.optics.mtf import _focal_planes, mtf, otf, strehl
 from edofsim.recipe.camera import CameraRecipe
 
 GREEN = 543e-9

@@ -22,10 +22,11 @@ from edofsim.optics import (
     focus_distance,
     psf_bank,
 )
+from edofsim.optics.camera import cutoff_frequency
 from edofsim.optics.lenses.achromat import AchromatLens, _path
 from edofsim.optics.lenses.ideal import IdealLens
 from edofsim.optics.lenses.plano_convex import PlanoConvexLens
-from edofsim.optics.mtf import cutoff_frequency, mtf, strehl
+from edofsim.optics.mtf import mtf, strehl
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.load import load_camera
 

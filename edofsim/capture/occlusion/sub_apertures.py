@@ -90,16 +90,16 @@ def _change(
         shine = view.radiance.index_select(1, which) * share
         both = torch.cat([shine, shown[None]])
         lights.append(pixels.light(light_of(view, pupil.inverse_depths, which, both)))
-    slabs = in_stacks(lights, grid, None if pixels.side > 1 else (view.height, view.width))
+    stacks = in_stacks(lights, grid, None if pixels.side > 1 else (view.height, view.width))
 
-    image, past = _composite(slabs, spectra_of(pupil, pupil, blurring.response), blurring.response)
+    image, past = _composite(stacks, spectra_of(pupil, pupil, blurring.response), blurring.response)
     change = -image
     of_all = _light_of(pupil, blurring.response).clamp_min(TINY)
 
     def one(part: PsfField) -> Tensor:
         spectra = spectra_of(part, pupil, blurring.response)
         behind = (_light_of(part, blurring.response) / of_all)[:, None, None] * past
-        return _composite(slabs, spectra, blurring.response, behind)[0]
+        return _composite(stacks, spectra, blurring.response, behind)[0]
 
     if change.requires_grad or any(part.layer(0).requires_grad for part in through):
         for part in through:  # one at a time is held, and computed again on the way back
@@ -173,8 +173,9 @@ class Slabs:
         centre = grid.window // 2
         spectra: dict[int, tuple[int, Tensor]] = {}
         here = [box.light(light) for light in lights]
-        for node in sorted({node for light in here for node in light.occupied_nodes()}):
-            there = [number for number, light in enumerate(here) if node in light.occupied_nodes()]
+        occupied = [set(light.occupied_nodes()) for light in here]
+        for node in sorted(set().union(*occupied)):
+            there = [number for number, nodes in enumerate(occupied) if node in nodes]
             images = torch.stack([here[k].at_node(node) for k in range(there[0], there[-1] + 1)])
             spectra[node] = there[0], spectrum(images, within)
         return cls(len(lights), spectra, Place(within, centre + top, centre + left, high, wide, padding))

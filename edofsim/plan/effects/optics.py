@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from ...core.words import metres
 from ...optics import best_focus_distance, focus_distance
+from ...optics.camera import cutoff_frequency
 from ...optics.field import STEPS
 from ..effect import Effect, Level
 from ..facts import Facts
@@ -109,8 +110,7 @@ FABRICATION = _effect(
 
 
 def _cutoff(facts: Facts) -> str:
-    cutoff = 2 * facts.camera.aperture_radius / facts.camera.sensor_distance
-    ratio = cutoff / float(facts.view.wavelengths.min()) * 2 * facts.camera.pixel
+    ratio = 2 * facts.camera.pixel * cutoff_frequency(facts.camera, float(facts.view.wavelengths.min()))
     return f"the optics pass frequencies up to {ratio:.1f} times what the pixels can tell"
 
 

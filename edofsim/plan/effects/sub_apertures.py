@@ -25,7 +25,7 @@ of another width leave out, times the ratio of the widths to the power of the se
 times the root of the width.
 
 They are from whole frames of six shipped scenes and members 902 of families, the others from middles of
-shipped scenes, which `python -m docs.studies.sub_apertures` shows all of."""
+shipped scenes, see `python -m docs.studies.sub_apertures`."""
 
 
 def absent(facts: Facts) -> str:
